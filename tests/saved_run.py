@@ -24,7 +24,7 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 
-COARSE = ("simulation.time_step=0.002",)
+TWO_MS = ("simulation.time_step=0.002",)
 
 
 def make_run(
@@ -32,7 +32,7 @@ def make_run(
     *,
     steps: int = 4,
     outcome: Outcome | None = None,
-    settings: tuple[str, ...] = COARSE,
+    settings: tuple[str, ...] = TWO_MS,
     angles: Mapping[str, float] = MappingProxyType({}),
     uncertainty: Uncertainty | None = None,
 ) -> Path:

@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ampm.exceptions import InputError
-from tests.saved_run import COARSE, make_run
+from tests.saved_run import TWO_MS, make_run
 from validation.cli.app import Status
 from validation.show.curves import DIFFERENCES
 from validation.show.rerun.record import SINGLE_SUPPORT, write_recording
@@ -33,7 +33,7 @@ def walks(tmp_path_factory):
     folders = {
         "one": make_run(base / "one", steps=4),
         "two": make_run(base / "two", steps=2),
-        "slow": make_run(base / "slow", steps=4, settings=(*COARSE, *SLOW)),
+        "slow": make_run(base / "slow", steps=4, settings=(*TWO_MS, *SLOW)),
     }
     for folder in folders.values():
         assert write_recording(folder) == folder / RunFile.RECORDING

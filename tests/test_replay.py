@@ -8,7 +8,7 @@ import pytest
 
 import validation as val
 from ampm.exceptions import InputError
-from tests.saved_run import COARSE, described, forge, make_run, with_column
+from tests.saved_run import TWO_MS, described, forge, make_run, with_column
 from tests.walk import perfect_walk
 from validation.judge import signals
 from validation.store.signals import load_signals
@@ -19,7 +19,7 @@ ROW = 30
 
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory):
-    return make_run(tmp_path_factory.mktemp("pushed") / "run", steps=2, settings=(*COARSE, *PUSH))
+    return make_run(tmp_path_factory.mktemp("pushed") / "run", steps=2, settings=(*TWO_MS, *PUSH))
 
 
 def add(by, rows=slice(ROW, ROW + 1)):
@@ -102,7 +102,7 @@ def test_the_header_and_missing_rows_are_noticed(pushed, tmp_path):
 
 def test_a_long_walk_keeps_fewer_signals(tmp_path):
     with patch.object(signals, "MOST_ROWS", 200):
-        folder = make_run(tmp_path / "run", steps=2, settings=(*COARSE, "gait.planner=dcm"))
+        folder = make_run(tmp_path / "run", steps=2, settings=(*TWO_MS, "gait.planner=dcm"))
         np.testing.assert_allclose(np.diff(load_signals(folder / "signals.parquet").time), 0.01)
         assert val.replay(folder).identical
         change = partial(with_column, name="left_force_y", change=last_bit)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.browser import look
-from tests.saved_run import COARSE, make_run
+from tests.saved_run import TWO_MS, make_run
 from tests.test_recordings import batches
 from validation.show.chart import decimate
 from validation.show.cost_table import cost_table, reported_table
@@ -69,7 +69,7 @@ def html(run_dir):
 def test_pushes_are_drawn_and_told(tmp_path, monkeypatch):
     """The figures show the stride that was pushed; the recording has an arrow while the push acts."""
     push = (f"disturbance.push_{name}" for name in ("segment=chest", "y=30", "at=2.5", "duration=0.1"))
-    saved = load_saved_run(make_run(tmp_path / "run", steps=7, settings=(*COARSE, *push)))
+    saved = load_saved_run(make_run(tmp_path / "run", steps=7, settings=(*TWO_MS, *push)))
     assert saved.pushes == [("thorax", pytest.approx(2.5), pytest.approx(2.6), 30.0)]
     stride = RunFigures(saved, saved.plan()).window
     assert saved.signals.time[stride][0] < 2.5 < saved.signals.time[stride][-1]
