@@ -6,6 +6,7 @@ import numpy as np
 
 from validation.store.record import load_record, record_tables, save_record
 from validation.trial.files import RunFile
+from validation.trial.record import INTEGERS, SHAPES, SimulationRecord, shape_of
 
 
 def first_difference(first, second) -> str | None:
@@ -24,6 +25,18 @@ def stored(record, model, folder):
     (folder / RunFile.MODEL).write_text(model, encoding="utf-8")
     save_record(record, folder)
     return load_record(folder)
+
+
+def blank(steps, **known):
+    """A record of some steps of the physics, a tick each; zero is what is not known."""
+    rates = {"K+1": steps + 1, "R": steps + 1, "K": steps, "R-1": steps, "T": steps}
+    joints, points = len(known["joint_names"]), len(known["point_foot"])
+    sizes = {"nq": 7 + joints, "nv": 6 + joints, "nu": joints, "P": points, "F": 2, "S": 0, "L": 1}
+    zeros = {name: np.zeros(shape_of(name, rates | sizes), INTEGERS.get(name)) for name in SHAPES}
+    time = known["time_step"] * np.arange(steps + 1)
+    zeros |= {"time": time, "tick_time": time[:-1], "state_rows": np.arange(steps + 1)}
+    zeros["foot_forward"][..., 0] = 1.0
+    return SimulationRecord(**zeros | known)
 
 
 def arrays(record):

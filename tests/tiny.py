@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from tests.records import blank
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.record import SimulationRecord
 
 MASS = 10.0
 ARM_MASS = 2.0
@@ -95,25 +95,15 @@ def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0,
     keep(point_place=data.geom_xpos[geoms])
     arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
     q, force = arrays["q"], arrays["point_force"]
-    ticks = np.arange(steps)
-    return SimulationRecord(
-        time=np.arange(steps + 1) * dt,
-        state_rows=np.arange(steps + 1),
+    return blank(
+        steps,
         **arrays,
         point_foot=np.array([0, 0, 1, 1], dtype=np.int8),
         point_group=np.array([0, 2, 0, 2], dtype=np.int8),
         foot_position=np.stack([q[:, :3], q[:, :3]], axis=1),
-        foot_forward=np.tile([1.0, 0.0, 0.0], (steps + 1, 2, 1)),
         command_com=arrays["com"][:-1],
-        command_zmp=np.zeros((steps, 2)),
         command_force=force.sum(axis=1),
         command_angular_momentum=arrays["angular_momentum"][:-1],
-        torque_rate=np.zeros((ticks.size, 1)),
-        tick_time=ticks * dt,
-        qp_status=np.zeros(ticks.size, dtype=np.int8),
-        qp_residual=np.full(ticks.size, 1e-7),
-        qp_iterations=np.full(ticks.size, 12, dtype=np.int32),
-        qp_time=np.full(ticks.size, 2e-5),
         outcome=Outcome(OutcomeName.COMPLETED, steps * dt, "", 4),
         mass=MASS + ARM_MASS,
         gravity=GRAVITY,

@@ -15,6 +15,7 @@ from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
+from tests.records import blank
 from validation.measure.equations import Equations
 from validation.measure.measure import MeasuredGait, SelfChecks, centre_of_pressure
 from validation.run.trial import Trial
@@ -64,32 +65,20 @@ def perfect_walk(steps=4, count=None):
     places = np.concatenate([left.sole_points, right.sole_points], axis=1)
     momentum = np.column_stack([sample.angular_momentum, 0.5 * np.sin(3 * time)])
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
-    record = SimulationRecord(
-        time=time,
-        state_rows=np.arange(k + 1),
-        q=np.zeros((k + 1, 9)),
-        qd=np.zeros((k + 1, 8)),
-        tick_torque=np.zeros((k, 2)),
-        torque_rate=np.zeros((k, 2)),
+    record = blank(
+        k,
         point_force=force,
         point_position=places[:k],
-        point_penetration=np.zeros((k, 12)),
         point_place=places,
         point_foot=np.repeat([0, 1], 6),
         point_group=np.tile(np.repeat([0, 1, 2], 2), 2),
         com=sample.com,
         angular_momentum=momentum,
         foot_position=np.stack([left.position, right.position], axis=1),
-        foot_forward=np.tile([1.0, 0.0, 0.0], (k + 1, 2, 1)),
         command_com=sample.com[:k],
         command_zmp=sample.zmp[:k],
         command_force=sample.force[:k],
         command_angular_momentum=momentum[:k],
-        tick_time=time[:k],
-        qp_status=np.zeros(k),
-        qp_residual=np.full(k, 1e-8),
-        qp_iterations=np.full(k, 25),
-        qp_time=np.full(k, 2e-5),
         outcome=Outcome(name, float(time[-1]), "" if name == "completed" else "The test ended it.", steps),
         mass=MASS,
         gravity=9.81,
