@@ -43,14 +43,10 @@ def truth(gait):
     """Constants of a plan by the names of the fit."""
     of = plan_gait(gait, MASS).constants
     across = of.s / of.beta
-    return {
-        "com_height": gait.com_height,
+    own = ("com_height", "step_length", "step_width", "switching_velocity", "single_support_ratio")
+    return {name: getattr(gait, name) for name in own} | {
         "single_support": of.single_support_duration,
         "double_support": of.double_support_duration,
-        "step_length": gait.step_length,
-        "step_width": gait.step_width,
-        "switching_velocity": gait.switching_velocity,
-        "single_support_ratio": gait.single_support_ratio,
         "inverse_a_single_x": of.inverse_a_s,
         "c_single_x": gait.c_s,
         "inverse_a_double_x": 1.0 / of.a_d,

@@ -3,6 +3,7 @@
 import math
 from functools import partial
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import osqp
@@ -96,13 +97,9 @@ def test_interrupt_during_a_solve_is_raised():
     """OSQP catches the signal and comes back with a status of its own."""
     solver = solver_of(n=1, m=1)
     status = osqp.SolverStatus.OSQP_SIGINT
-    solver.args[0]._solver = SimpleNamespace(
-        update_data_vec=lambda **_: None,
-        update_data_mat=lambda **_: None,
-        solve=lambda: None,
-        solution=SimpleNamespace(x=np.zeros(1)),
-        info=SimpleNamespace(status_val=status, prim_res=0.0, iter=1),
-    )
+    solver.args[0]._solver = stopped = Mock()
+    stopped.solution.x = np.zeros(1)
+    stopped.info = SimpleNamespace(status_val=status, prim_res=0.0, iter=1)
     with pytest.raises(KeyboardInterrupt):
         solver(np.eye(1), np.zeros(1), np.eye(1), np.zeros(1), np.ones(1))
     assert solver(np.eye(1), np.zeros(1), np.eye(1), np.ones(1), np.ones(1)).solved
