@@ -14,7 +14,7 @@ share a rank.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -27,15 +27,12 @@ from ampm.exceptions import InputError
 from validation.store.json import json_ready
 from validation.study.sweep.design import ENGINE_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
-from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_sweep
+from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_sweep, short_names
 from validation.table import ABSENT, Table, Tabled, format_number
 from validation.trial.followed import JUDGED_LEAD, LEADS
-from validation.trial.users import SUFFIXES
 
 SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
-FILES = (".toml", *SUFFIXES)
-"""Endings of gaits and tables, which are named without them."""
 EFFORT = "energy_cost_of_transport"
 """Metric of the effort."""
 SHARE = 0.1
@@ -220,8 +217,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
     ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
-    names = _short(table.words(key))
-    for row, place in enumerate(zip(_short(table.words("gait")), names, strict=True)):
+    names = short_names(table.words(key))
+    for row, place in enumerate(zip(short_names(table.words("gait")), names, strict=True)):
         groups.setdefault(place, []).append(row)
     cells, causes, extremes = [], table.words("cause"), dict[str, int]()
     for place, found in groups.items():
@@ -258,11 +255,3 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
 
 def _median(values: NDArray[np.float64]) -> float:
     return float(np.median(values)) if values.size else math.nan
-
-
-def _short(names: Sequence[str]) -> list[str]:
-    """Classes of ``module:Class``, files without suffix; the names as they are if two would be equal."""
-    short = {name: name.rpartition(":")[2] for name in names}
-    short |= {name: Path(name).stem for name in names if Path(name).suffix in FILES}
-    unique = len(set(short.values())) == len(short)
-    return [short[name] if unique else name for name in names]

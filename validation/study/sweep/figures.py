@@ -12,7 +12,7 @@ from ampm.geometry import Array
 from validation.judge.metrics import METRICS
 from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.style import BAD, INK, PARTS
-from validation.study.sweep.table import RunState, SweepTable
+from validation.study.sweep.table import RunState, SweepTable, short_names
 from validation.table import short_unit
 
 Groups = Mapping[str, tuple[NDArray[np.bool_], str]]
@@ -78,8 +78,7 @@ def _axis(sweep: SweepTable, key: str) -> Axis:
     if values.dtype.kind != "U":
         return Axis(key if unit == "1" else f"{key} [{unit}]", values.astype(float))
     found, places = np.unique(values, return_inverse=True)
-    names = [name.rpartition(":")[2] for name in found.tolist()]  # of classes without their modules
-    names = names if len({*names}) == len(names) else found.tolist()
+    names = short_names(found.tolist())
     return Axis(key, places.astype(float), {name: float(place) for place, name in enumerate(names)})
 
 

@@ -31,6 +31,7 @@ from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import schema
 from validation.table import Table, Tabled
+from validation.trial.users import SUFFIXES
 
 TABLE_METADATA = b"ampm_sweep_2"
 """Schema metadata of a table, with the number of its format: JSON, see :func:`table_metadata`."""
@@ -273,6 +274,14 @@ class SweepTable(Tabled):
             "environment": self.metadata["environment"],
             "computing_time": {"value": float(np.nansum(self.numbers("timing_total"))), "unit": "s"},
         }
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Classes of ``module:Class``, files without suffix; the names as they are if two would be equal."""
+    short = {name: name.rpartition(":")[2] for name in names}
+    short |= {name: Path(name).stem for name in names if Path(name).suffix in (".toml", *SUFFIXES)}
+    unique = len(set(short.values())) == len(short)
+    return [short[name] if unique else name for name in names]
 
 
 def key_of(definition: SweepDefinition, run: int) -> str:
