@@ -323,7 +323,11 @@ class RunParameters(Section):
             yield "footsteps", f"[{len(self.footsteps)}]"
 
     def value(self, key: str) -> Any:
-        """Value of a namespaced key; raises KeyError for an option that is not set."""
+        """Value of a namespaced key.
+
+        Raises:
+            KeyError: an option that is not set.
+        """
         section, name, *option = key.split(".")
         value = getattr(getattr(self, section), name)
         return value[option[0]] if option else value
@@ -466,7 +470,11 @@ def field_of(key: str) -> Any:
 
 
 def put(table: dict[str, Any], key: str, value: Any) -> None:
-    """Set a namespaced key in a table of sections; raises InputError if there is no such key."""
+    """Set a namespaced key in a table of sections.
+
+    Raises:
+        InputError: there is no such key.
+    """
     field_of(key)
     *sections, name = key.split(".")
     for section in sections:

@@ -308,7 +308,11 @@ class FootstepPlanner:
 
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A walk from rest to rest with a constant posture; raises BodilyRefusal if the body cannot walk it."""
+    """A walk from rest to rest with a constant posture.
+
+    Raises:
+        BodilyRefusal: the body cannot walk it.
+    """
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.walk_motion import check_walk
 

@@ -93,7 +93,11 @@ def known_bodies() -> tuple[str, ...]:
 
 
 def body_path(source: str) -> Path:
-    """Description file of a body, by name or path; raises InputError if there is none."""
+    """Description file of a body, by name or path.
+
+    Raises:
+        InputError: there is none.
+    """
     if source in known_bodies():
         return FOLDER / f"{source}.toml"
     path = Path(source)

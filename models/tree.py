@@ -137,7 +137,11 @@ class Tree:
         return any(pattern.fullmatch(joint) for pattern in self.file.lock)
 
     def body(self, name: str, role: str) -> int:
-        """Number of a segment of the source; raises InputError if there is none of this name."""
+        """Number of a segment of the source.
+
+        Raises:
+            InputError: there is none of this name.
+        """
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
         if number < 0:
             known = (self.model.body(i).name for i in range(1, self.model.nbody))
@@ -145,7 +149,11 @@ class Tree:
         return int(number)
 
     def joint(self, name: str, role: str) -> int:
-        """Number of a hinge; raises InputError if there is none of this name."""
+        """Number of a hinge.
+
+        Raises:
+            InputError: there is none of this name.
+        """
         if self._is_locked(name):
             raise InputError(f"{role} names the joint {name!r}, which lock welds; leave it out of one.")
         if name not in self.index:

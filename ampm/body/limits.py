@@ -77,7 +77,11 @@ class Limit:
 
 
 def check(limits: Iterable[tuple[Limit, float]]) -> None:
-    """Refuse the first value that is beyond its limit; raises BodilyRefusal if there is one."""
+    """Refuse the first value that is beyond its limit.
+
+    Raises:
+        BodilyRefusal: there is one.
+    """
     for limit, value in limits:
         if limit.broken(value):
             raise limit.refusal(value)

@@ -99,7 +99,11 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
 def as_rows(
     footsteps: Sequence[Footstep], landings: Sequence[float | None] | None = None
 ) -> list[dict[str, Any]]:
-    """Footsteps as ``[[footsteps]]`` of a run file; raises InputError if one is not a footstep."""
+    """Footsteps as ``[[footsteps]]`` of a run file.
+
+    Raises:
+        InputError: one is not a footstep.
+    """
     rows = []
     for number, step in enumerate(footsteps, start=1):
         try:

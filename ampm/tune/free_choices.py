@@ -159,7 +159,11 @@ class FreeChoices:
     # -------------------------------------------------------------- parameters
 
     def parameters(self, choice: Mapping[str, float]) -> RunParameters:
-        """The run with these choices; raises RefusedGait if the formula has no solution for them."""
+        """The run with these choices.
+
+        Raises:
+            RefusedGait: the formula has no solution for them.
+        """
         h, ball = self.description.height, self.sole.ball_x
         run = self._replaced(
             self.run,
