@@ -66,8 +66,8 @@ def walk(
         raise InputError(f"{controller!r} cannot be the {wanted}.")
     if isinstance(planner, type):
         raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
-    if not isinstance(disturbances, list | tuple):
-        raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of them.")
+    if not isinstance(disturbances, list | tuple) or any(isinstance(one, type) for one in disturbances):
+        raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of objects.")
     sections: dict[str, Any] = {}
     if isinstance(footsteps, str | Path):
         sections = {"footsteps": read_footsteps(Path(footsteps))}
