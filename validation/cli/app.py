@@ -25,7 +25,7 @@ app = typer.Typer(
     name="ampm",
     help="Plan the gait of the angular-momentum-inducing pendulum, walk it in MuJoCo under torque control, "
     "and measure how far physics and formula agree.",
-    epilog=f"{validate.EPILOG} Of 'ampm judge' also 6, pass on all that was measured, but not on all limits.",
+    epilog=f"{validate.EPILOG} 'ampm judge' also has 6 partial, pass on all that was measured.",
     no_args_is_help=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -61,7 +61,7 @@ def plan(
     gait: str | None = options.GAIT,
     *,
     walk: options.WalkOptions,
-    no_body: bool = option("--no-body", "Closed form alone: no soles, no joints, mean L_y 0; as --as-is."),
+    no_body: bool = option("--no-body", "Closed form, no soles or joints, mean L_y 0; implies --as-is."),
     length: options.Length,
     as_json: bool = options.JSON,
     files: Files,
@@ -73,7 +73,7 @@ def plan(
     a preset's, open values are found and printed with the tightest margins; given values stay.
 
     With --footsteps the gait gives height, slopes of the force line and durations of the supports. The first
-    two rows of the file are where both feet stand, first the foot that swings first; then left and right land
+    two rows of the file say where both feet stand; the foot of row 1 swings first. Then left and right land
     in turn.
     """
     from ampm.planner.closed_form import LIPM

@@ -39,8 +39,8 @@ class Comparing:
 
 @app.command(
     rich_help_panel=options.CHECK,
-    epilog="Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 pass "
-    "on all that was measured, but not on all limits, 130 interrupted.",
+    epilog="Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 "
+    "partial, pass on all that was measured, 130 interrupted.",
 )
 @grouped
 def judge(
@@ -126,7 +126,7 @@ def fit(
     log: Path = typer.Argument(..., help="Table of a measured walk, or the folder of a run.", metavar="LOG"),
     *,
     columns: list[str] | None = options.COLUMNS,
-    mass: float | None = option("--mass", "Mass of the body; by default of the mean vertical force.", "KG"),
+    mass: float | None = option("--mass", "Mass of the body; by default from the mean vertical force.", "KG"),
     com_height: float | None = option(
         "--com-height", "Mean height of the COM over the floor, for a log without COM.", "M"
     ),

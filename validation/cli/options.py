@@ -59,11 +59,11 @@ _PRESETS = ", ".join(preset_names())
 
 GAIT: Any = typer.Argument(None, help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
 GAITS: Any = typer.Argument(None, help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT")
-SETTINGS: Any = option("--set", "Change one parameter, e.g. gait.c_s=1.2; see 'ampm keys'.", "KEY=VALUE")
+SETTINGS: Any = option("--set", "Change a parameter: gait.c_s=1.2; see 'ampm keys'. Repeatable.", "KEY=VALUE")
 AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults; find none.")
 BODY: Any = option(
     "--body",
-    "Body that walks: a name of 'ampm body list', or a description. Without GAIT its gait is of its size.",
+    "Body that walks, a name of 'ampm body list' or a description. Without GAIT it walks a gait of its size.",
     "NAME|FILE.toml",
 )
 STEPS: Any = option("--steps", "Short for gait.steps=N.", "N")

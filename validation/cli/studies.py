@@ -72,7 +72,7 @@ def rank(
     ),
     ahead: float = option(
         "--ahead",
-        "Compare with the plan as it stood so long before: 0, .05, .1, .2 or .4 s.",
+        "Compare with the plan as it stood this long before: 0, .05, .1, .2 or .4 s.",
         "S",
         default=0.1,
     ),
@@ -151,8 +151,8 @@ def robustness(
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
 
-    Pushes of 0.1 s grow, for each direction, phase and height, and so do values of the keys of disturbance
-    and sensors. The largest value counts up to which all are survived.
+    Pushes of 0.1 s grow for each direction, phase and height, and so do values of the keys of disturbance and
+    sensors. The result is the largest value up to which all are survived.
     """
     from validation.study.robustness.study import robustness as study
 

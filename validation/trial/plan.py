@@ -225,8 +225,8 @@ def _way_out(run: RunParameters) -> Iterator[None]:
     except RefusedGait as error:
         if run.given >= set(OPEN_KEYS):
             error.add_note(
-                "every value counts as given; what is left open is searched for (leave out --as-is, or keys "
-                "such as gait.com_height from the file)"
+                "all values count as given; leave out --as-is, or keys such as gait.com_height from the "
+                "file, to have open values found"
             )
         raise
 
@@ -422,4 +422,4 @@ def _summary(run: RunParameters, tuned: Tuned) -> str:
         return f"found {items}; --as-is keeps the values in brackets"
     found = "found " + ", ".join(f"{key} {text(value)}" for key, value in new.items())
     own = [f"{key} {text(run.value(key))}" for key in EASY_KEYS if key not in run.given]
-    return f"of the body's size {', '.join(own)}; {found}" if own else found
+    return f"took {', '.join(own)} for the body's size; {found}" if own else found
