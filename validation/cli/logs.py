@@ -54,7 +54,7 @@ def judge(
 
     The log is of a robot, another simulator or a person; metrics, limits, report and recording are those of
     'ampm validate'. LOG is a CSV or Parquet file with a row per instant, in SI units, x forward, y left, z
-    up: time, and the force of the floor in one of three ways. Both feet together: force_x, force_y, force_z,
+    up: time, and the ground force in one of three ways. Both feet together: force_x, force_y, force_z,
     zmp_x, zmp_y. Each foot: left_force_x ..., left_cop_x, left_cop_y, and right_.... Six-axis sensors:
     left_sensor_force_x ..., left_sensor_torque_x ... in the sensor's axes, its place left_sensor_x ... and
     its axes left_sensor_quaternion_w ... in the world, and right_.... Optional are com_x ...,

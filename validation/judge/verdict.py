@@ -219,9 +219,8 @@ def _conclude(
     passed = [item for item in results if item.passed]
     failed = [item for item in results if item.passed is False]
     undecided = [item for item in results if item.undecided]
-    why = "closer to the limit than the numerical uncertainty"
-    if any(map(by_contact, undecided)):
-        why += ", or than another contact law may move them"
+    laws = " or the spread of contact laws" if any(map(by_contact, undecided)) else ""
+    why = f"the numerical uncertainty{laws} is larger than the distance to the limit"
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
     if failed:
@@ -241,11 +240,11 @@ def _conclude(
     if undecided:
         least = max(undecided, key=lambda item: item.bound / (item.tolerance or math.inf))
         reason = (
-            f"{len(undecided)} of {limits} tolerances undecided, {why}; the least certain is {against(least)}"
+            f"{len(undecided)} of {limits} tolerances undecided: {why}; the least certain is {against(least)}"
         )
         if by_contact(least):
             spread = format_number(least.displayed(least.spread), 2).replace("inf", "∞")
-            reason += f", which changes by up to {spread} {least.display_unit}".rstrip()
+            reason += f", which contact laws change by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     tight = min((item for item in passed if item.tolerance), key=lambda item: item.margin or 0.0)
     return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
