@@ -77,7 +77,7 @@ class WalkPlan(StepPlan):
     @property
     def judged_from(self) -> float:
         """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
-        return 0.0 if self.contacts.phases[0].stance == "both" else self.constants.step_duration
+        return 0.0 if self.contacts.phases[0].stance == "both" else float(self.contacts.step_ends[0])
 
     def table(self, times: ArrayLike, timing: Timing = SHARP) -> Reference:
         """References at the ticks of a controller, ascending, shape (T,) [s].

@@ -39,8 +39,9 @@ def test_a_perfect_walk_has_no_error(walk):
 
 
 def test_windows_divide_the_run_and_leave_out_only_the_first_step(walk):
-    plan, _, measured = walk
-    rows, step = compare(*walk).rows, plan.constants.step_duration
+    plan, record, measured = walk
+    claim = replace(plan, constants=replace(plan.constants, single_support_duration=2.0))  # is not used
+    rows, step = compare(claim, record, measured).rows, plan.constants.step_duration
     np.testing.assert_array_equal(rows[RUN], measured.time >= step - 1e-9)
     assert (rows[RUN] ^ rows["first_step"]).all()
     for names in (list(rows)[2:4], [name for name in rows if name.startswith("measured_")]):
@@ -109,17 +110,17 @@ def test_an_instant_without_support_is_counted_not_dropped_silently(walk):
 def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
     """It is straight at -0.3 rad."""
     leg = SimpleNamespace(knee="knee", knee_sign=-1.0, straight_knee=-0.3)
-    body: Any = SimpleNamespace(legs=[leg], speed_limits=[("knee", 4.0)])
+    body: Any = SimpleNamespace(legs=[leg], speed_limits=[("knee", 4.0)], sole=SimpleNamespace(length=0.2))
     plan, record, measured = walk
     q, qd, torque = record.q.copy(), record.qd.copy(), record.tick_torque.copy()
     q[:, 7], q[40, 7], qd[60, 6], torque[:10, 0] = -0.9, -0.5, -3.0, -100.0
     bent = replace(record, q=q, qd=qd, tick_torque=torque)
-    margins = compare(plan, bent, measured, description=body).costs["margins"]
-    found = {name: (margins[name].value, margins[name].time) for name in ("knee", "speed")}
-    assert found["knee"] == (pytest.approx(0.2), record.time[40])
-    assert found["speed"] == (0.75, record.time[60])
+    found = compare(plan, bent, measured, description=body)
+    margins, length = found.costs["margins"], found.scales["foot_length"]
+    assert (margins["knee"].value, margins["knee"].time) == (pytest.approx(0.2), record.time[40])
+    assert (margins["speed"].value, margins["speed"].time) == (0.75, record.time[60])
     assert margins["joint"].value == pytest.approx(0.1)
-    assert margins["saturated"] == 10 / record.steps
+    assert (margins["saturated"], length) == (10 / record.steps, 0.2)
 
 
 def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):

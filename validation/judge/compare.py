@@ -205,7 +205,7 @@ def compare(
     scales = {
         "body_weight": measured.weight,
         "mass_height_velocity": measured.mass * plan.com_height * speed,
-        "foot_length": plan.feet.sole.length,
+        "foot_length": (description or plan.feet).sole.length,
     }
     costs: dict[str, Mapping[str, Any]] = {
         "effort": feedback_effort(record, valid, run),

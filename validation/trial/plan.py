@@ -332,14 +332,13 @@ def plan_walk(
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
             _check_plan(plan, run, body.robot)
-            if "gait.steps" in says.get("gait_keys", ("gait.steps",)) and not run.footsteps:
-                planned, wanted = plan.contacts.steps, run.gait.steps
-                if planned < wanted:
-                    raise ValueError(
-                        f"it plans {planned} steps, and gait.steps asks for {wanted}; plan run.gait.steps"
-                    )
-    if run.footsteps and not checked:
-        _check_footsteps(plan, run, name)
+            planned, wanted = plan.contacts.steps, run.gait.steps
+            if run.footsteps:
+                _check_footsteps(plan, run, name)
+            elif planned < wanted and "gait.steps" in says.get("gait_keys", ("gait.steps",)):
+                raise ValueError(
+                    f"it plans {planned} steps, and gait.steps asks for {wanted}; plan run.gait.steps"
+                )
     goes_on: Any = planner if users.replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
 

@@ -112,8 +112,7 @@ class References(Course):
                 raise ValueError(f"the plan made at {time:g} s ends at {plan.duration:g} s; plan beyond now")
             if not (begin := plan.phases[0].start) <= time + _LATE + 1e-9:
                 raise ValueError(f"the plan made at {time:g} s begins at {begin:g} s; plan from now on")
-            due = len(self.step_ends)
-            if self.steps is not None and plan.contacts.steps < due:
+            if self.steps is not None and plan.contacts.steps < (due := len(self.step_ends)):
                 raise ValueError(
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
