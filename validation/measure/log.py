@@ -139,12 +139,18 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     _check_sides(signals, name, weight)
     _check_momentum(signals, time, name)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
+    light = signals["force"][:, 2] < LEAST_SUPPORT * weight
     if "zmp" in signals:
-        light = signals["force"][:, 2] < LEAST_SUPPORT * weight
         known = known & (light | np.isfinite(signals["zmp"]).all(axis=1))
     if np.count_nonzero(known) < 3:
         raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
-    signals = {key: v for key, v in signals.items() if np.isfinite(v[known]).mean() >= _FILLED}
+    filled = {key: float(np.isfinite(v[known & ~light]).mean()) for key, v in signals.items()}
+    if rare := [key for key in ("com", "angular_momentum") if filled.get(key, 1.0) < _FILLED]:
+        raise InputError(
+            f"{name}: {rare[0]} has numbers in {filled[rare[0]]:.1%} of the rows with force, and needs "
+            f"{_FILLED:.0%}; interpolate it to their times, or leave out its columns."
+        )
+    signals = {key: v for key, v in signals.items() if filled[key] >= _FILLED}
     apart = np.diff(np.r_[time[0] - step, time[known], time[-1] + step])
     gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
     return Log(name, time, signals, step, gaps, weight).rows(known)
