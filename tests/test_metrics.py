@@ -78,15 +78,12 @@ def test_every_metric_has_a_readable_name_of_its_own_and_its_facts(drop):
     assert all(item.reason.endswith(".") for item in METRICS.values() if item.tolerances)
 
 
-def test_a_sweeps_table_keeps_the_readable_name_for_processes_without_the_metric(drop):
-    table = sweep_of(make_table(20))
+def test_tables_keep_the_readable_name_and_no_process_without_the_metric_explains(drop, tmp_path, ampm):
+    table, folder = sweep_of(make_table(20)), make_run(tmp_path / "run")
+    assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
     unregister(drop.name)
     assert [row[0] for row in sweep_metric_table(table).rows].count(drop.label) == 1
-
-
-def test_comparison(drop, tmp_path, ampm):
-    folder = make_run(tmp_path / "run")
-    assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
+    assert f"metric '{drop.name}' is not known here" in ampm("explain", folder).err
 
 
 def test_a_metric_that_a_run_lacks_or_no_profile_judges_is_refused(drop, tmp_path, ampm):

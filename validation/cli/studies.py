@@ -169,6 +169,7 @@ def explain(
     walk: options.WalkOptions,
     steps: int | None = options.STEPS,
     disturbing: options.Disturbing,
+    metric: list[str] | None = options.METRICS,
     execution: options.Running,
 ) -> int:
     """Say which part of a trial makes it fail.
@@ -179,6 +180,7 @@ def explain(
     """
     from validation.study.explain import explain as study
 
+    options.load_metrics(metric)
     is_folder = run is not None and names_folder(run)
     found = study(
         run if is_folder else walk.request(run, steps),

@@ -20,10 +20,10 @@ from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
 from validation.judge import profiles
 from validation.judge.margins import SATURATED
 from validation.judge.verdict import VerdictName
+from validation.run.judge_log import judge_run
 from validation.run.walk import walk_planned
 from validation.store.folders import names_folder
 from validation.store.json import json_ready, write_json
-from validation.store.saved import load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, format_value, own_rows
@@ -299,7 +299,7 @@ def explain(
 
 def _saved_case(folder: Path) -> Case:
     """The trial of a run's folder, with its recorded external forces, the run's own push among them."""
-    saved = load_saved_run(folder)
+    saved = judge_run(folder)  # refused if one of its metrics is not known
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder} gets the explanation and cannot be written; copy it to another place.")
     request, record = load_request(str(folder / RunFile.RUN)), saved.record
