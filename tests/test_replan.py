@@ -109,6 +109,17 @@ def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, ask, walk
     assert (np.diff(record.com[:, 0]) > 0.0).all()
 
 
+def refuse(plan):
+    raise BodilyRefusal("the step is long", reason="", value=1.0, limit=0.5, unit="m")
+
+
+def squeezed(plan):
+    """All that comes after the first step lasts 10 ms a phase."""
+    switches = plan.contacts.switches
+    switches = np.append(switches[:2], switches[2] + 0.01 * np.arange(len(switches) - 2))
+    return replace(plan, contacts=replace(plan.contacts, switches=switches))
+
+
 @pytest.mark.parametrize(
     ("change", "at", "words"),
     [
@@ -116,6 +127,8 @@ def test_the_plan_then_valid_says_when_a_walk_ends(fixed, first, then, ask, walk
         (lambda plan: plan_of(1), 0.3, "1 of the walk's 2 steps"),
         (lambda plan: replace(plan, phases=later(plan, 0.4)), 0.3, "begins at 0.4 s; plan from now on"),
         (lambda plan: replace(plan, com_height=np.nan), 0.1, "'com' of its plan"),
+        (refuse, 0.1, r"the planner Replanning failed \(BodilyRefusal: the step is long"),
+        (squeezed, 0.1, "and the path of the foot has"),
     ],
 )
 def test_errors_on_the_way_end_the_walk(change, at, words):
@@ -235,16 +248,6 @@ def test_a_plan_that_contradicts_itself_is_refused():
     off.by = 1e-4
     walk = compared(wrong, simulate_plan(wrong))
     assert evaluate(walk)["plan_newton_residual"] == pytest.approx(1e-4, rel=1e-3)
-
-
-def test_a_refusal_in_mid_walk_is_a_failure_of_the_planner_and_keeps_the_record():
-    def refuse(time, plan):
-        if time > 0.1:
-            raise BodilyRefusal("the step is long", reason="", value=1.0, limit=0.5, unit="m")
-
-    outcome = simulated(planner=Replanning(refuse), steps=1).outcome
-    assert outcome.name is OutcomeName.CRASHED
-    assert "the planner Replanning failed (BodilyRefusal: the step is long.)" in outcome.cause
 
 
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):

@@ -107,7 +107,7 @@ class FrozenPlan:
 
 
 NEXT = 3
-"""Phases of a plan made on the way that are checked, in 1 ms; later ones are checked when they come near."""
+"""Phases of a plan made on the way in which the ZMP is checked: what is planned for later will change."""
 _OFF = 5e-3  # of a sole point on the floor from its footstep [m]
 _OUTSIDE = 0.02  # of the ZMP from the support: a plan by optimisation may give way a little [m]
 PUSHED_OUTSIDE = 0.1
@@ -120,9 +120,10 @@ def check_contacts(
 ) -> None:
     """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
-    Some phases ``after`` a time [s] are checked, by default all. The ZMP may be ``outside`` the support [m].
+    Feet are checked in all phases ``after`` a time [s], and the ZMP in the first of them, by default in all.
+    The ZMP may be ``outside`` the support [m].
     """
-    ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after][:phases]
+    ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after]
     times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])
     feet = plan.feet.sample(times)
     for row, phase in enumerate(ahead):
@@ -141,6 +142,7 @@ def check_contacts(
                     raise ValueError(
                         f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off its footstep"
                     )
+    times = times[:phases]
     margin = polygon_margin(*plan.points_in_contact(times), plan.sample(times).zmp)
     worst = int(margin.argmin())
     if margin[worst] < -outside:
