@@ -289,6 +289,8 @@ def test_so_is_one_whose_uncertainty_is_known(tmp_path):
     before, again = kept(folder)
     assert before["verdict"] == "undecided"
     assert again == before
+    with pytest.raises(InputError, match="is undecided, not failed"):
+        val.explain(folder)
 
 
 def test_so_is_the_log_of_a_treadmill(folder, table, tmp_path, ampm):

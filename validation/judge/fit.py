@@ -112,10 +112,12 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     chosen = [stride for stride, kept in zip(found, alike, strict=True) if kept]
     if len(chosen) < _LEAST_STRIDES:
         of = f", of {middles[0]:.3g} s and {middles[1]:.3g} m (medians)" if found else ""
+        if lost := len(bounds) - len(found):
+            of += f", in {lost} of which COM and ZMP do not cross along y at every step (check their signs)"
         raise InputError(
             f"{log.name} has too few strides of equal duration and length: {len(chosen)}, and a fit needs "
             f"{_LEAST_STRIDES}; in {np.ptp(log.time):.3g} s the left foot takes half of the weight "
-            f"{len(left)} times; whole strides between them: {len(found)}{of}; give a longer log of steady "
+            f"{len(left)} times; whole strides between them: {len(bounds)}{of}; give a longer log of steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )
     arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}

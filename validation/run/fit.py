@@ -26,6 +26,7 @@ from validation.table import ABSENT, Table, Tabled, format_number, short_unit, w
 _FILES = ("fit.json", "gait.toml", "report.html")
 _STATURE = 1.70 / 0.865
 """Stature of the human body over the height of its COM [1]."""
+_LONGEST = 1.5  # step, in heights of the COM: both feet stand at its ends
 _LIGHTEST = 15.0  # mass over the cube of H [kg/m^3]: people have 90, robots 60 to 300
 
 
@@ -146,6 +147,16 @@ def fit_log(
             f"{name}: by its mean vertical force of {strides.weight:.3g} N the body has {weighs:.3g} kg, and "
             f"its COM is at {height:.2f} m; give forces in newtons (--columns force_z=COLUMN[kgf]), lengths "
             "in metres, or the mass (--mass)."
+        )
+    if (step := found["step_length"].value) > _LONGEST * height:
+        raise InputError(
+            f"{name}: steps of {step:.3g} m are longer than {_LONGEST:g} times the height of the COM, "
+            f"{height:.3g} m; give lengths in metres, and belt_speed in m/s."
+        )
+    if com_height and found["c_single_x"].value < found["inverse_a_single_x"].value:
+        raise InputError(
+            f"{name}: by the force along x the COM is pulled back to the standing foot; correct the sign of "
+            "force_x (--columns force_x=-COLUMN), or give the COM."
         )
     least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))

@@ -307,6 +307,11 @@ def _saved_case(folder: Path) -> Case:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
     if record.outcome.name is OutcomeName.CRASHED:
         raise InputError(f"{folder} cannot be explained. {record.outcome.ending} Correct that class.")
+    if saved.summary["verdict"] == VerdictName.UNDECIDED:
+        raise InputError(
+            f"{folder} is undecided, not failed: its numerical uncertainty exceeds the distance to a limit; "
+            "walk it with a shorter simulation.time_step."
+        )
     if not record.external_segments:
         return Case(request, saved.summary["profile"])
     run = request.run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
