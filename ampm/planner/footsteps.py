@@ -293,7 +293,7 @@ def _refuse(
             value=margin,
             limit=MARGIN,
             unit="m",
-            way_out="shorten or narrow the steps about it, give them more time, and places in metres",
+            way_out="shorten or narrow the steps about it, or give them more time; places are in metres",
         )
     tilt = trunk_tilt(solved)
     worst = int(tilt.argmax())
