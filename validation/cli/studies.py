@@ -19,7 +19,7 @@ app = typer.Typer()
 @app.command(
     rich_help_panel=options.WALK,
     epilog="Exit status: 0 every run that walked passed, 1 some are out of tolerance, 2 bad input, or every "
-    f"run refused, 3 some did not complete, 4 some crashed, or ampm itself, {options.STOPPED}",
+    f"run refused, 3 some did not complete, 4 a crash of ampm itself, {options.STOPPED}",
 )
 @grouped
 def sweep(
@@ -174,9 +174,8 @@ def explain(
 ) -> int:
     """Say which part of a trial makes it fail.
 
-    The trial is walked again with one layer made ideal at a time: sensing, motors, body, friction, floor,
-    contact law, numerics, controller, planner, pushes. The folder of a run gets explain.json, which 'ampm
-    report' shows.
+    The trial is walked with one layer made ideal at a time: sensing, motors, body, friction, floor, contact
+    law, numerics, controller, planner, pushes. A run's folder gets explain.json, which 'ampm report' shows.
     """
     from validation.study.explain import explain as study
 

@@ -133,12 +133,11 @@ def walk_case(case: Case) -> Row:
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    metrics, shares = dict[str, Values](), list[float]()
+    metrics = dict[str, Values]()
     for item in trial.verdict.judged:
         used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
-        shares.append(min(used, _MOST_USED))
-        metrics[item.name] = {"label": item.label, "text": str(item), "used": shares[-1]}
-    shares = [share for share in shares if not math.isnan(share)]
+        metrics[item.name] = {"label": item.label, "text": str(item), "used": min(used, _MOST_USED)}
+    shares = [item["used"] for item in metrics.values() if not math.isnan(item["used"])]
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
         excess = _FALL * (2.0 - end.time / planned.plan.duration)
