@@ -80,7 +80,9 @@ def test_terminal_and_recording_show_the_tables(said, capsys):
     shown = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
     tables = metric_table(said), cost_table(said)
     assert shown == [list(row) for table in tables for row in table.rows]
-    assert "normal: FAIL  One is not met." in out
+    assert "normal: FAIL  One is not met. ampm explain run says why." in out
+    print_result(said, Path("run"), wrote=False)  # judged by another profile
+    assert "ampm explain" not in capsys.readouterr().out
     record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
     saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record, is_log=False)
     text = verdict_markdown(saved)

@@ -191,8 +191,8 @@ def print_result(summary: Mapping[str, Any], folder: Path, *, wrote: bool = True
     from validation.store.metric_table import metric_table, walk_title
 
     print_tables([metric_table(summary), cost_table(summary)])
-    failed = status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED) and "log" not in summary
-    failed = failed and summary["outcome"] != "crashed"  # whose sentence says why
+    failed = wrote and status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED)
+    failed = failed and "log" not in summary and summary["outcome"] != "crashed"  # whose sentence says why
     here = quote(str(folder))
     why = f" ampm explain {here} says why." if failed else ""
     word = f"{walk_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
