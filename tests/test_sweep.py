@@ -274,4 +274,4 @@ def test_a_dry_run_counts_refusals_and_times_one_walk(command, capsys, monkeypat
     said = json.loads(capsys.readouterr().out)
     assert (said["runs"], said["checked"], said["walking"]) == (9, 3, 3)
     assert command("--dry-run", text=SWEEP.replace("0.7, 0.7", "0.2, 0.2")) == 2
-    assert "no run that was tried can be walked" in capsys.readouterr().out
+    assert "finds others\nno run that was tried can be walked" in capsys.readouterr().out

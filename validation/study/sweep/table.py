@@ -245,7 +245,7 @@ class SweepTable(Tabled):
         if summary["failed"]:
             words = "; ".join(f"{self.label(name)} ({n:,})" for name, n in summary["failed"].items())
             notes.append(f"out of tolerance: {words}")
-        if summary["unfinished"]:
+        if summary["unfinished"] and self.directory:
             notes.append(f"runs without a result: {summary['unfinished']:,}; --resume walks them again")
         return [Table(f"sweep {self.name}", ("state", ">runs", "for example"), rows, notes)]
 
