@@ -129,7 +129,7 @@ def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
     assert "| unsolved QPs |" in result.tables()[0].markdown()
     known = load_uncertainty(tmp_path / FILE)
-    assert load_uncertainty(tmp_path) == known
+    assert load_uncertainty(str(tmp_path)) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)
     table = json.loads((tmp_path / FILE).read_text())
     assert table["levels"]["time_step"]["values"] == [0.002, 0.001, 0.0005, 0.00025]

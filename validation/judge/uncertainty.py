@@ -61,9 +61,9 @@ class Uncertainty:
         return ""
 
 
-def load_uncertainty(path: Path) -> Uncertainty:
+def load_uncertainty(path: str | Path) -> Uncertainty:
     """Read the ``convergence.json`` of ``ampm convergence``, or of a folder; InputError if it cannot."""
-    file = path / FILE if path.is_dir() else path
+    file = Path(path, FILE) if Path(path).is_dir() else Path(path)
     kind = create_model("File", uncertainty=Uncertainty)
     way_out = f"give --uncertainty the {FILE} that 'ampm convergence --out' writes"
     found: Uncertainty = read_json(file, kind, way_out)[1].uncertainty
