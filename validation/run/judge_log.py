@@ -150,10 +150,10 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
 
 
 def _steps(log: Log, plan: WalkPlan) -> int:
-    """Steps of the plan that lie within a log."""
+    """Steps of the plan within a log; a walk ends less than two time steps after its last row."""
     ends = np.array([0.0, *plan.contacts.step_ends])
     begun = ends[:-1] >= log.time[0] - log.time_step
-    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + 1.5 * log.time_step)))
+    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + 2.0 * log.time_step)))
 
 
 def _check_phases(log: Log, plan: WalkPlan) -> None:
