@@ -82,6 +82,7 @@ def test_terminal_and_recording_show_the_tables(said, capsys):
     assert shown == [list(row) for table in tables for row in table.rows]
     assert "normal: FAIL  One is not met. ampm explain run says why." in out
     print_result(said, Path("run"), wrote=False)  # judged by another profile
+    print_result({**said, "verdict": "undecided"}, Path("run"))
     assert "ampm explain" not in capsys.readouterr().out
     record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
     saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record, is_log=False)

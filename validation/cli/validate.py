@@ -191,8 +191,8 @@ def print_result(summary: Mapping[str, Any], folder: Path, *, wrote: bool = True
     from validation.store.metric_table import metric_table, walk_title
 
     print_tables([metric_table(summary), cost_table(summary)])
-    failed = wrote and status_of(summary) in (Status.OUT_OF_TOLERANCE, Status.NOT_COMPLETED)
-    failed = failed and "log" not in summary and summary["outcome"] != "crashed"  # whose sentence says why
+    fell = status_of(summary) is Status.NOT_COMPLETED and summary["outcome"] != "crashed"  # which says why
+    failed = wrote and "log" not in summary and (fell or summary["verdict"] == "fail")
     here = quote(str(folder))
     why = f" ampm explain {here} says why." if failed else ""
     word = f"{walk_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
