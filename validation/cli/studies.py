@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import compress
 from pathlib import Path
 
 import typer
@@ -36,12 +35,11 @@ def sweep(
     --resume walks only what is missing, and the table is the same to the bit.
     """
     from validation.study.sweep import run  # loads simulator and measurement
+    from validation.study.sweep.design import load_sweep
     from validation.study.sweep.table import RunState
 
     options.load_metrics(metric)
     if dry_run:
-        from validation.study.sweep.design import load_sweep
-
         expected = run.forecast(load_sweep(file), **execution.given())
         options.print_result(expected, as_json=execution.as_json)
         return Status.PASS if expected.found["walking"] or expected.found["finished"] else Status.REFUSED
@@ -49,9 +47,9 @@ def sweep(
         raise InputError("a sweep needs a folder; give --out DIR, or --dry-run to walk nothing.")
     found = run.sweep(file, **execution.given())
     execution.answer(found)
-    ended, crashed = set(found.states), found.is_state(RunState.CRASHED)
-    if {*compress(found.words("reason"), crashed)} - {"UsersError"}:  # errors of our own
-        return Status.CRASH
+    ended = set(found.states)
+    if any(state is RunState.CRASHED and reason != "UsersError" for state, reason in found.endings):
+        return Status.CRASH  # an error of our own
     if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:
         return Status.NOT_COMPLETED
     if ended == {RunState.REFUSED}:
