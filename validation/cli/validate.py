@@ -58,6 +58,8 @@ def validate(
         gaits or [None], walk.changes(length.steps), as_is=walk.as_is, sections=length.sections()
     )
     disturbances = disturbing.load()
+    if uncertainty and disturbances:
+        raise InputError("--uncertainty holds for no walk with --push or --disturbance; leave it out.")
     judges = [profile or own_profile(request.name, request.run, disturbances) for request in requests]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
