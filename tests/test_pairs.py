@@ -199,7 +199,7 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     assert replace(sides[0], robustness=with_settings).robustness
 
 
-def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
+def test_a_study_must_be_of_both_gaits(folders, sides, tmp_path, ampm, monkeypatch):
     parameters = json_ready(parameter_values(load_run(folders[0] / "run.toml")))
     make_study(tmp_path, {"zmp_x_rmse": 1e-3}, parameters=parameters)
     same = ampm("compare", folders[0], folders[0], "--uncertainty", tmp_path, "--json")
@@ -208,6 +208,10 @@ def test_a_study_must_be_of_both_gaits(folders, tmp_path, ampm):
     other = ampm("compare", *folders, "--uncertainty", tmp_path)
     assert other.status == 2
     assert "gait.planner" in other.err
+    pushed = changed(sides[0], disturbances=["push of (30, 0, 0) N"]).run
+    monkeypatch.setattr(comparison, "load_saved_run", lambda folder: pushed)
+    with pytest.raises(InputError, match="holds for no walk with push of"):
+        comparison.compare_runs(folders, uncertainty=[tmp_path])
 
 
 def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatch):

@@ -102,7 +102,7 @@ def _found(saved: SavedRun) -> dict[str, str]:
 
 def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     """Name of a check, and what the folder of a study of a walk found."""
-    run, runs = saved.parameters, list[SavedRun]()
+    run, runs, fits = saved.parameters, list[SavedRun](), False
     walk = saved.title, run.body.source, run.controller.name
     if (folder / RESULT).is_file():
         study = load_robustness(folder)
@@ -112,7 +112,7 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
         verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}
         name, found = "engine", ", ".join(f"{engine}: {verdict}" for engine, verdict in verdicts.items())
         fits = len(verdicts) > 1
-    else:
+    elif (folder / RunFile.RUN).is_file():
         runs = [load_saved_run(folder)]
         name, found, fits = "log", runs[0].sentence, runs[0].is_log
     walked = methodcaller("model_dump", include={"gait", "body"}, exclude={"gait": {"steps"}})

@@ -53,6 +53,7 @@ _SIZES = {
 }
 """Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
 _ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
+_OF_RUN = ("disturbance.", "sensors.")  # begin of what a run says of its disturbances, as its study does
 _FAR = 0.5
 """Share of every limit up to which walks stay far below [1]."""
 _ROUNDING = 1e-9
@@ -427,6 +428,9 @@ def compare_runs(
     sides = []
     for label, folder, file in zip_longest(labels, folders, robustness):
         run = load_saved_run(folder)
+        pushed = [text for text in run.summary.get("disturbances", ()) if not text.startswith(_OF_RUN)]
+        if known and pushed:
+            raise InputError(f"--uncertainty holds for no walk with {pushed[0]}; leave it out.")
         study = matching(known, Request(label, run.parameters)) if known else None
         sides.append(Side(label, run, study, load_robustness(file) if file else None))
     return comparison_of(sides)
