@@ -21,7 +21,7 @@ def summary_title(summary: Mapping[str, Any]) -> str:
 
 
 def walk_title(summary: Mapping[str, Any]) -> str:
-    """The same, and what disturbed the walk besides."""
+    """Title of a walk: that of its summary, then pushes and other disturbances that its keys do not name."""
     named = ("sensors.", *summary.get("changed", {}))
     told = [text for text in summary.get("disturbances", ()) if not text.startswith(named)]
     return ", ".join([summary_title(summary), *told])
