@@ -165,7 +165,7 @@ class Builder:
         return Inertial(mass, np.array(com), mass * np.diag(np.square(radii)))
 
     def _segment(self, on: Element, name: str, pos: Any, inertial: Inertial) -> Element:
-        return scene.fill(add(on, "body", name=name), pos, inertial)
+        return scene.set_inertial(add(on, "body", name=name), pos, inertial)
 
     def _limb(self, on: Element, name: str, pos: Any, row: Row, length: float) -> Element:
         """Add a segment of one table row, which runs downward from its origin."""
@@ -207,7 +207,7 @@ class Builder:
             """Rows run downward, but the frames of the trunk are at the lower end."""
             return self._inertial(row, length, (0, 0, (1 - row.com) * length))
 
-        pelvis = scene.fill(self.pelvis, (0, 0, HIP_HEIGHT * h), upward(LOWER_TRUNK, lower))
+        pelvis = scene.set_inertial(self.pelvis, (0, 0, HIP_HEIGHT * h), upward(LOWER_TRUNK, lower))
         self._ellipsoid(pelvis, (0, 0, 0.035 * h), (0.068 * h, 0.099 * h, 0.062 * h), _TROUSERS)
 
         abdomen = self._segment(pelvis, "abdomen", (0, 0, lower), upward(MIDDLE_TRUNK, middle))

@@ -29,11 +29,11 @@ _SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _LEAST_BEND = 0.1  # range of a knee [rad]
 _TALLEST = 3.0  # stature, as of body.height [m]
-_DRY = (0.001, 1.0)  # of dry friction, which MuJoCo's default makes viscous at slow rates [s, 1]
+_DRY = (0.001, 1.0)  # solreffriction: MuJoCo's default makes dry friction viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
 _POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
-_OURS = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
-"""Names of joints and frames that are added."""
+_RESERVED = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
+"""Names of the joints and frames that are added to every body."""
 
 
 class _Leg(NamedTuple):
@@ -56,9 +56,9 @@ class Writer:
     def __init__(self, tree: Tree) -> None:
         self.tree, self.file = tree, tree.file
         self.hinges = [hinge.name for hinge in tree.hinges]
-        if taken := sorted(_OURS.intersection(self.hinges)):
+        if taken := sorted(_RESERVED.intersection(self.hinges)):
             raise InputError(f"joints have names that ampm needs: {', '.join(taken)}; rename them.")
-        names = _OURS.union(self.hinges)  # Pinocchio has one set of names for all
+        names = _RESERVED.union(self.hinges)  # Pinocchio has one set of names for all
         self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
         places = [tree.segments[segment].place for segment in tree.segment_of]
         self.anchors = [place + hinge.anchor for place, hinge in zip(places, tree.hinges, strict=True)]
@@ -85,7 +85,7 @@ class Writer:
             joints = [k for k in self._path(foot) if k not in shared]
             if len(joints) < _LEAST_JOINTS:
                 raise InputError(
-                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._named(joints))}), which "
+                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._names_of(joints))}), which "
                     f"cannot hold a sole flat: that takes {_LEAST_JOINTS}; take another model, or correct "
                     "foot or lock in the body's description.",
                     key="body.foot",
@@ -93,7 +93,7 @@ class Writer:
             if knee not in joints[1:-1]:
                 where = f"is a joint of the other leg than the {side} foot {tree.segments[foot].name!r}"
                 if knee not in other or knee in shared:
-                    names = ", ".join(self._named(joints))
+                    names = ", ".join(self._names_of(joints))
                     where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
                     f"the knee {name!r} {where}; correct knee or foot in the body's description.",
@@ -110,7 +110,7 @@ class Writer:
     def _check_knee(self, leg: _Leg) -> None:
         """Refuse a knee that does not bend its leg."""
         joint, centre = self.tree.hinges[leg.knee], self.anchors[leg.knee]
-        to_hip, to_ankle = (np.linalg.norm(self._along(k, 1) - centre) for k in (leg.hip, leg.ankle))
+        to_hip, to_ankle = (np.linalg.norm(self._anchor_about(k, 1) - centre) for k in (leg.hip, leg.ankle))
         beside = abs(joint.axis[1]) < _SIDEWAYS or min(to_hip, to_ankle) < _LEAST_PART * (to_hip + to_ankle)
         if beside or 0.0 < joint.high - joint.low < _LEAST_BEND:
             axis = ", ".join(f"{part:.2g}" for part in joint.axis)
@@ -122,7 +122,7 @@ class Writer:
             )
 
     def _find_arms(self) -> None:
-        """Hinges of left arm, right arm, and those that are of no group."""
+        """Sort the hinges of neither legs nor trunk: left arm, right arm, in the middle."""
         legs_and_trunk = {*self.trunk_joints, *self.legs[0].joints, *self.legs[1].joints}
         self.arms: tuple[list[int], list[int], list[int]] = ([], [], [])
         side = limb_middles(self.tree.segments)[:, 1]
@@ -130,21 +130,21 @@ class Writer:
             if k not in legs_and_trunk:
                 self.arms[2 if image == k else int(side[k] < side[image])].append(k)
 
-    def _along(self, joints: Sequence[int], axis: int) -> Array:
-        """Anchor of the hinge that turns most about an axis of the world, shape (3,) [m]."""
+    def _anchor_about(self, joints: Sequence[int], axis: int) -> Array:
+        """Anchor of the hinge whose axis is nearest to an axis of the world, shape (3,) [m]."""
         return self.anchors[max(joints, key=lambda k: abs(self.tree.hinges[k].axis[axis]))]
 
     def _straight(self, leg: _Leg) -> tuple[float, float]:
         """Angle of the straight knee [rad], and the length of the leg [m]."""
         axis, centre = self.tree.hinges[leg.knee].axis, self.anchors[leg.knee]
-        upper, lower = self._along(leg.hip, 1) - centre, self._along(leg.ankle, 1) - centre
+        upper, lower = self._anchor_about(leg.hip, 1) - centre, self._anchor_about(leg.ankle, 1) - centre
         along = float((upper - lower) @ axis)
         upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
         angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
         length = math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
         return angle, length
 
-    def _named(self, joints: Sequence[int]) -> tuple[str, ...]:
+    def _names_of(self, joints: Sequence[int]) -> tuple[str, ...]:
         return tuple(self.hinges[k] for k in joints)
 
     def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
@@ -164,9 +164,9 @@ class Writer:
                 key="body.foot",
             )
         return LegDescription(
-            hip=self._named(leg.hip),
+            hip=self._names_of(leg.hip),
             knee=joint.name,
-            ankle=self._named(leg.ankle),
+            ankle=self._names_of(leg.ankle),
             foot_segment=self.names[leg.foot],
             sole_frame=f"{side}_sole",
             sole_points=scene.add_sole_points(side, sole, [(foot, origin)] * 2, turn),
@@ -182,7 +182,7 @@ class Writer:
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
-        hip, ankle = self._along(leg.hip, 1), self._along(leg.ankle, 1)
+        hip, ankle = self._anchor_about(leg.hip, 1), self._anchor_about(leg.ankle, 1)
         foot = self.tree.segments[leg.foot].place + self.tree.foot_offset
         under = (ankle - foot) @ self._sole_turn()  # of the ankle, in the sole's axes
         sole = SoleGeometry(
@@ -233,8 +233,8 @@ class Writer:
             segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
             for segment in tree.segments
         )
-        floor = float(self._along(self.legs[0].ankle, 1)[2]) - sole.ankle_height
-        com_height, hip_height = com_z / mass - floor, float(self._along(hip, 1)[2]) - floor
+        floor = float(self._anchor_about(self.legs[0].ankle, 1)[2]) - sole.ankle_height
+        com_height, hip_height = com_z / mass - floor, float(self._anchor_about(hip, 1)[2]) - floor
         height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
         if not height <= _TALLEST:
             raise InputError(f"the body is {height:.4g} m tall, {_TALLEST:g} m at most; give it in metres.")
@@ -256,13 +256,13 @@ class Writer:
             trunk_segment=self.names[self.trunk],
             left_leg=left,
             right_leg=right,
-            trunk=self._named(self.trunk_joints),
-            left_arm=self._named(self.arms[0]),
-            right_arm=self._named(self.arms[1]),
-            head=self._named(self.arms[2]),
+            trunk=self._names_of(self.trunk_joints),
+            left_arm=self._names_of(self.arms[0]),
+            right_arm=self._names_of(self.arms[1]),
+            head=self._names_of(self.arms[2]),
             sole=sole,
             hip_height=hip_height,
-            hip_half_width=abs(float(self._along(hip, 0)[1])),
+            hip_half_width=abs(float(self._anchor_about(hip, 0)[1])),
             leg_length=self._straight(self.legs[0])[1],
             com_over_hip=com_height - hip_height,
             mirror=tuple(
@@ -281,14 +281,14 @@ class Writer:
         return BodyModel(scene.to_xml(model), description, tree.findings)
 
     def _add_segments(self, model: Element, root: Element, floor: float) -> list[Element]:
-        """Write all segments; the floor [m] is that of the source."""
+        """Write all segments; ``floor`` is its height in the source [m]."""
         written: list[Element] = []
         for name, segment in zip(self.names, self.tree.segments, strict=True):
             element, place = root, np.array([0.0, 0.0, -floor])
             if written:
                 element = add(written[segment.parent], "body", name=name)
                 place = segment.place - self.tree.segments[segment.parent].place
-            scene.fill(element, place, segment.inertial)
+            scene.set_inertial(element, place, segment.inertial)
             _add_joints(element, segment)
             _add_shapes(next(model.iter("asset")), element, name, segment)
             written.append(element)

@@ -120,7 +120,7 @@ def text(value: Any) -> str:
     return " ".join(f"{number:.{_DIGITS}g}" for number in np.atleast_1d(value))
 
 
-def fill(segment: Element, pos: Any, inertial: Inertial) -> Element:
+def set_inertial(segment: Element, pos: Any, inertial: Inertial) -> Element:
     """Give a segment its place in the axes of the one that it hangs on, shape (3,) [m], and its mass."""
     segment.set("pos", text(pos))
     values: dict[str, Any] = {"mass": inertial.mass, "pos": inertial.com}
