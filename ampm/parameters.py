@@ -85,7 +85,7 @@ class GaitParameters(Section, section="gait"):
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """Of the floor along x and y, dz/dx and dz/dy [1]."""
+        """Slopes of the floor along x and y, dz/dx and dz/dy [1]."""
         return self.slope, self.cross_slope
 
 

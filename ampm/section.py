@@ -74,7 +74,7 @@ class Section(BaseModel):
             raise _input_error(error, type(self)) from None
 
     def __hash__(self) -> int:
-        """Of all values; pydantic's own has none for options."""
+        """Hash of all values; pydantic's own cannot hash options."""
         return hash(self.model_dump_json())
 
     @classmethod

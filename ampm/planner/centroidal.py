@@ -116,7 +116,7 @@ class PlanSample(Brief, ReadOnly):
     @property
     def right_load(self) -> Array:
         """Share of the right foot, by the ZMP between the centre lines of both feet, shape (N,) [1]."""
-        across = np.stack([-np.sin(self.heading), np.cos(self.heading)], axis=1)
+        across = rotations(self.heading)[:, :, 1]
         left, right, zmp = (
             (place * across).sum(axis=1) for place in (self.left_placement, self.right_placement, self.zmp)
         )
@@ -178,7 +178,7 @@ class CentroidalPlan(Brief):
 
     @cached_property
     def _frames(self) -> tuple[Array, Array, Array]:
-        """Of every phase: origin (P, 2), axes of the laws by columns (P, 2, 2), L_x and L_y (P, 2)."""
+        """Origins (P, 2), axes of the laws by columns (P, 2, 2), and L_x and L_y (P, 2) of all phases."""
         origin, heading, momentum = zip(
             *((phase.origin, phase.heading, phase.angular_momentum) for phase in self.phases), strict=True
         )
@@ -186,7 +186,7 @@ class CentroidalPlan(Brief):
 
     @cached_property
     def _laws(self) -> tuple[list[Law], NDArray[np.intp]]:
-        """The different laws, and the number of that along either axis in every phase, shape (P, 2)."""
+        """The different laws, and which of them holds along each axis in every phase, shape (P, 2)."""
         laws = list({id(law): law for phase in self.phases for law in (phase.x, phase.y)}.values())
         number = {id(law): i for i, law in enumerate(laws)}
         return laws, np.array([[number[id(phase.x)], number[id(phase.y)]] for phase in self.phases])
@@ -197,8 +197,8 @@ class CentroidalPlan(Brief):
         states, used = LawState(*np.empty((len(LawState._fields), len(local), 2))), numbers[index]
         for number in sorted(set(used.ravel().tolist())):
             rows, axes = np.nonzero(used == number)
-            for whole, part in zip(states, laws[number].evaluate(local[rows]), strict=True):
-                whole[rows, axes] = part
+            for column, values in zip(states, laws[number].evaluate(local[rows]), strict=True):
+                column[rows, axes] = values
         return states
 
     def _evaluate(self, index: NDArray[np.intp], local: Array) -> dict[str, Array]:
@@ -269,10 +269,10 @@ class CentroidalPlan(Brief):
         )
 
     def residuals(self) -> dict[str, float]:
-        """Largest jumps over all switches: end of every phase against start of the next.
+        """Largest jump of each quantity over all switches, from the end of a phase to the start of the next.
 
-        Of ``com`` over H, ``com_velocity`` over v0, ``com_acceleration`` over g, ``zmp`` over H, ``moment``
-        over m g H, ``angular_momentum`` over m H v0 [1].
+        In units of its scale [1]: ``com`` and ``zmp`` H, ``com_velocity`` v0, ``com_acceleration`` g,
+        ``moment`` m g H, ``angular_momentum`` m H v0.
         """
         return {name: float(np.max(jump, initial=0.0)) for name, jump in self._switch_jumps.items()}
 

@@ -119,7 +119,7 @@ class Contacts(Brief):
 
     @cached_property
     def _numbers(self) -> NDArray[np.intp]:
-        """Of every phase, counted from a double support on the first two footsteps on, shape (P,)."""
+        """Numbers of the phases, shape (P,); a double support on the first two footsteps is number 0."""
         return 2 * len(self.footsteps) - 2 - len(self.switches) + np.arange(len(self.switches) - 1)
 
     @cached_property

@@ -52,21 +52,22 @@ def vertical_laws(
     w, n = math.sqrt(GRAVITY / height), 2 * len(problem.single) + 7
     place = np.array([step.position[:2] for step in footsteps])
     z = np.array([step.position[2] for step in footsteps])
-    duration, rate, h = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
+    # The phases' durations [s], rates of the blends [1/s], and heights of the support at begin and end [m].
+    duration, rate, support = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
     duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = problem.single, problem.double, problem.blend[:, 1]
-    h[4:-4:2], h[5:-4:2, 0], h[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
-    for one, rows, at_rest, ends in (
+    support[4:-4:2], support[5:-4:2, 0], support[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
+    for foot, rows, quarters, ends in (
         (0, slice(0, 4), zmp[0], (0.5, 1.0)),
         (len(z) - 2, slice(n - 4, n), zmp[1], (0.0, 0.5)),
     ):
-        across = place[one + 1] - place[one]
-        share = np.clip(((at_rest - place[one]) * across).sum(axis=1) / (across**2).sum(), 0.0, 1.0)
+        across = place[foot + 1] - place[foot]
+        share = np.clip(((quarters - place[foot]) * across).sum(axis=1) / (across**2).sum(), 0.0, 1.0)
         share[[0, -1]] = ends
-        at = z[one] + share * (z[one + 1] - z[one])
-        h[rows, 0], h[rows, 1] = at[:-1], at[1:]
-    points = np.stack([h, *np.zeros((2, n, 2))])  # and triangles of unit height
+        blended = z[foot] + share * (z[foot + 1] - z[foot])
+        support[rows, 0], support[rows, 1] = blended[:-1], blended[1:]
+    points = np.stack([support, *np.zeros((2, n, 2))])  # and both triangles, of unit height
     points[1, [1, 2], [1, 0]] = points[2, [-3, -2], [1, 0]] = 1.0
-    # The part z + z'/w grows, and is known at the end; z - z'/w fades, and is known at the begin.
+    # z + z'/w grows and is known at the end; z - z'/w fades and is known at the begin.
     mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
     begin, end = (shape(rate, duration, time) for time in (np.zeros(n), duration))
     fade = np.exp(-w * duration)
@@ -78,12 +79,13 @@ def vertical_laws(
     for k in reversed(range(n)):
         here, there = (mean[:, k] + way[:, k] * (at.value[k] + at.rate[k] / w) for at in (begin, end))
         grows[:, k] = here + fade[k] * (grows[:, k + 1] - there)
-    (p, q), (a, b), (c, d) = (grows - fades)[:, [0, n]]  # to be zero
+    # Velocities at both ends, which the triangles make zero (Cramer's rule).
+    (p, q), (a, b), (c, d) = (grows - fades)[:, [0, n]]
     size = np.array([1.0, (q * c - p * d) / (a * d - b * c), (p * b - q * a) / (a * d - b * c)])
     grows, fades = (size[:, None] * grows).sum(axis=0), (size[:, None] * fades).sum(axis=0)
     position, velocity = height + 0.5 * (grows + fades), 0.5 * w * (grows - fades)
     point = height + (size[:, None, None] * points).sum(axis=0)
-    columns = rate, duration, position[:n], velocity[:n], point, h - point
+    columns = rate, duration, position[:n], velocity[:n], point, support - point
     values = zip(*(column.tolist() for column in columns), strict=True)
     return [HeightLaw(BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm))) for k, T, z0, v0, r, arm in values]
 
@@ -115,28 +117,28 @@ class Ground:
         parts: list[tuple[Array, float]] = []
         for box, height in zip(np.split(soles, starts[1:]), z[starts].tolist(), strict=True):
             joined = _around(box)
-            for one in [one for one in parts if one[1] == height]:
-                if _apart(joined, one[0])[1] <= 0.0:
-                    joined = _around(np.stack([joined, one[0]]))
-                    parts = [two for two in parts if two is not one]
+            for part in [part for part in parts if part[1] == height]:
+                if _apart(joined, part[0])[1] <= 0.0:
+                    joined = _around(np.stack([joined, part[0]]))
+                    parts = [other for other in parts if other is not part]
             parts.append((joined, height))
         parts = [part for part in parts if part[1] > z.min()]
         wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
-        for number, ((box, height), part) in enumerate(zip(parts, wide, strict=True)):
-            for other, at in parts[:number] + parts[number + 1 :]:
-                if at == height:
+        for number, ((box, height), cut) in enumerate(zip(parts, wide, strict=True)):
+            for other, other_height in parts[:number] + parts[number + 1 :]:
+                if other_height == height:
                     side, gap = _apart(box, other)
-                    _cut(part, box, side, gap, 0.5)
-            for step, (other, at) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
-                if at < height:
-                    side, gap = _apart(box, other)
-                    _refuse_near(step, gap, height - at)
-                    _cut(part, box, side, EDGE, 1.0)
-        corners = np.array(wide).reshape(-1, 2, 2)
-        return cls(heading, float(z.min()), corners[:, 0], corners[:, 1], np.array([one[1] for one in parts]))
+                    _cut(cut, box, side, gap, 0.5)
+            for step, (sole_box, sole_height) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
+                if sole_height < height:
+                    side, gap = _apart(box, sole_box)
+                    _refuse_near(step, gap, height - sole_height)
+                    _cut(cut, box, side, EDGE, 1.0)
+        corners, heights = np.array(wide).reshape(-1, 2, 2), np.array([height for _, height in parts])
+        return cls(heading, float(z.min()), corners[:, 0], corners[:, 1], heights)
 
     def at(self, points: Array, around: float = 0.0) -> Array:
-        """Height of the floor at points (..., 2) [m], of the highest part within a distance, shape (...)."""
+        """Height of the highest part within a distance of points (..., 2) [m], shape (...) [m]."""
         turned = (points @ rotations(self.heading))[..., None, :]
         inside = ((turned > self.low - around) & (turned < self.high + around)).all(axis=-1)
         return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
@@ -155,7 +157,7 @@ def _apart(box: Array, other: Array) -> tuple[tuple[int, int], float]:
 
 
 def _cut(wide: Array, box: Array, side: tuple[int, int], gap: float, share: float) -> None:
-    """Let a wide box end, on one side, at a share of a gap from the narrow one."""
+    """Move one side of a wide box to a share of a gap from the narrow box in it, if it is farther."""
     edge, nearer = box[side] + (2 * side[0] - 1) * share * gap, (max, min)[side[0]]
     wide[side] = nearer(float(wide[side]), float(edge))
 

@@ -19,7 +19,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
-    """How far a plan is from Newton's law, from its first phase to its end, as a distance of its ZMP [m].
+    """Check a plan against Newton's law, from its first phase to its end.
 
     Every millisecond the ZMP is compared with that of force and moment. Acceleration and velocity are
     compared with the COM, and the moment with the angular momentum, as means over windows within each phase
@@ -29,8 +29,11 @@ def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
         plan: with all of its motion.
         or_else: is appended to the way out of a refusal.
 
+    Returns:
+        The largest contradiction, as a distance of its ZMP [m].
+
     Raises:
-        InputError: it is farther than :data:`ALLOWED`.
+        InputError: it is larger than :data:`ALLOWED`.
     """
     begin, end = plan.phases[0].start, plan.duration
     now = plan.sample(np.append(np.arange(begin, end, _INTERVAL), end))

@@ -1,4 +1,4 @@
-"""Feet that leave one plan for another one, made while the first is walked."""
+"""Feet that go over from one plan to another, which is made while the first is walked."""
 
 from dataclasses import replace
 
@@ -9,13 +9,13 @@ from ampm.planner.stride import quintic, shift
 
 
 def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPlan:
-    """Feet that go on otherwise from an instant on; until a landing the difference of both motions fades.
+    """Feet of one plan until an instant, then of another; their difference fades until a landing.
 
     Args:
         old: motion until then.
         new: motion from then on, with the same feet on the floor at that instant.
-        begin: the instant, not before the begin of both [s].
-        landed: when the foot lands that swings, or the next one if none does [s].
+        begin: the instant, within both plans [s].
+        landed: when the swinging foot lands, or the next one to swing if both stand [s].
     """
     left = _joined(old.left, new.left, begin, landed)
     return replace(new, left=left, right=_joined(old.right, new.right, begin, landed))
@@ -23,10 +23,10 @@ def joined(old: FeetPlan, new: FeetPlan, begin: float, landed: float) -> FeetPla
 
 def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
     """One foot of :func:`joined`."""
-    kept, row = old.start < begin, int(new.segments(np.array([begin]))[0])
+    before, row = old.start < begin, int(new.segments(np.array([begin]))[0])
     start = np.maximum(new.start[row:], begin)
     curves = shift(new.curve[row:], start - new.start[row:])
-    last = slice(max(int(kept.sum()) - 1, 0), max(int(kept.sum()), 1))  # the segment in force
+    last = slice(max(int(before.sum()) - 1, 0), max(int(before.sum()), 1))  # the segment in force
     gap = shift(old.curve[last], begin - old.start[last])[0] - curves[0]
     values = gap[:, :3].T * np.array([[1.0], [1.0], [2.0]])  # with rates and accelerations
     fade = np.zeros_like(gap)
@@ -34,8 +34,8 @@ def _joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPa
     swings = start < landed - 1e-9
     curves[swings] += shift(fade[None].repeat(swings.sum(), axis=0), start[swings] - begin)
     return FootPath(
-        start=np.concatenate([old.start[kept], start]),
-        pivot=np.concatenate([old.pivot[kept], new.pivot[row:]]),
-        contact=np.concatenate([old.contact[kept], new.contact[row:]]),
-        curve=np.concatenate([old.curve[kept], curves]),
+        start=np.concatenate([old.start[before], start]),
+        pivot=np.concatenate([old.pivot[before], new.pivot[row:]]),
+        contact=np.concatenate([old.contact[before], new.contact[row:]]),
+        curve=np.concatenate([old.curve[before], curves]),
     )

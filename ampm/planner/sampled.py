@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
 from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
@@ -196,13 +196,13 @@ def _support_height(
     phase = np.clip(np.searchsorted(contacts.starts, times, side="right") - 1, 0, len(contacts.starts) - 1)
     left, right = np.moveaxis(contacts.placements[phase], 1, 0)
     stance, way, heading = contacts.stance_codes[phase], right - left, contacts.headings[phase]
-    across = np.stack([-np.sin(heading), np.cos(heading)])  # shares as PlanSample.right_load has them
+    across = rotations(heading)[:, :, 1]  # shares as PlanSample.right_load has them
     if "zmp" in given:
         zmp, by_height = given["zmp"], np.zeros((len(times), 2))
     else:  # where the force through the COM meets the plane of height 0, and by how much it moves per height
         by_height = given["com_acceleration"][:, :2] / (GRAVITY + acceleration)[:, None]
         zmp = given["com"][:, :2] - height[:, None] * by_height
-    off, moves, width = ((across * part[:, :2].T).sum(axis=0) for part in (zmp - left[:, :2], by_height, way))
+    off, moves, width = ((across * part[:, :2]).sum(axis=1) for part in (zmp - left[:, :2], by_height, way))
     share = (off + left[:, 2] * moves) / (width - way[:, 2] * moves)
     share = np.where(stance == 2, np.clip(share, 0.0, 1.0), stance)
     return left[:, 2] + share * way[:, 2]

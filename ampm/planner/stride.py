@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.parameters import FootParameters
 from ampm.planner.contacts import LEVEL, Contacts
 from ampm.planner.feet import (
@@ -57,12 +57,11 @@ _EVEN = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 0.0, 0.0, 0.0])
 class Roll(NamedTuple):
     """How feet leave, swing and land in n steps.
 
-    The foot of footstep k leaves for swing k. The last entry of n + 1 is of the foot that stands in the last
-    single support.
+    The foot of footstep k leaves for swing k. The last of n + 1 entries is for the foot that stands in the
+    last single support.
     """
 
-    # pitch of the foot at toe off, shape (n + 1,) [rad]; it leaves flat where it and its rate are 0
-    lift: Array
+    lift: Array  # pitch at toe off, shape (n + 1,) [rad]; the foot leaves flat where this and its rate are 0
     lift_rate: Array  # its rate, shape (n + 1,) [rad/s]
     delay: Array  # time by which the heel rises after the begin of the double support, shape (n + 1,) [s]
     strike: Array  # pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0
@@ -241,12 +240,12 @@ def _swings(
 ) -> list[tuple[float, Array]]:
     """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 7, 9).
 
-    Of footsteps with places (n + 2, 3) [m] and headings (n + 2,) [rad], swings' durations (n,) [s], and the
-    angles of the floor, front up and left up [rad].
+    Arguments are places (n + 2, 3) [m] and headings (n + 2,) [rad] of the footsteps, durations of the swings
+    (n,) [s], and the angles of the floor, front up and left up [rad].
     """
     n, (tilt, roll_angle) = len(single), floor
     behind, ahead = place[:n], place[2:]
-    along = np.stack([np.cos(yaw[2:]), np.sin(yaw[2:])], axis=1)
+    along = rotations(yaw[2:])[:, :, 0]
     # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
     # landed.
     x, rate = sole.ball_x - sole.heel_x, roll.strike_rate

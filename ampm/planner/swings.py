@@ -14,7 +14,7 @@ from numpy.polynomial import polynomial
 
 from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
-from ampm.geometry import Array
+from ampm.geometry import Array, rotations
 from ampm.parameters import FootParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.contacts import Contacts
@@ -58,7 +58,7 @@ def plan_swings(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, 
 
 
 def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> Array:
-    """By how much every swing must be higher at its middle to pass over the floor, shape (n,) [m]."""
+    """Height that every swing lacks at its middle to pass over the floor, shape (n,) [m]."""
     ground, steps = Ground.under(contacts.footsteps, sole), contacts.footsteps
     share = np.linspace(0.05, 0.95, _GRID)
     lift, missing = polynomial.polyval(share, LIFT), np.zeros(contacts.steps)
@@ -81,48 +81,44 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
 
 
 def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_length: float) -> Roll:
-    """Share of the gait's roll at every toe off and landing."""
-    contacts = plan.contacts
-    steps, starts = contacts.footsteps, contacts.starts
-    place, heading = np.array([step.position[:2] for step in steps]), np.array([s.heading for s in steps])
-    n = contacts.steps
+    """How every foot rolls, from the gait's roll and from the ZMP on the standing foot."""
+    contacts, n = plan.contacts, plan.contacts.steps
+    footsteps, starts = contacts.footsteps, contacts.starts
+    place = np.array([step.position[:2] for step in footsteps])
+    forward = rotations([step.heading for step in footsteps])[:, :, 0]
     # Distance ahead of the front foot in every double support, along the mean heading.
-    between = contacts.headings[0::2]
-    ahead = np.diff(place, axis=0)
-    spread = np.cos(between) * ahead[:, 0] + np.sin(between) * ahead[:, 1]
-    share = np.clip((spread / step_length - _FLAT) / (1.0 - _FLAT), 0.0, _MOST)
+    length = (rotations(contacts.headings[0::2])[:, :, 0] * np.diff(place, axis=0)).sum(axis=1)
+    share = np.clip((length / step_length - _FLAT) / (1.0 - _FLAT), 0.0, _MOST)
     if foot.schedule == "flat":
         share[:] = 0.0
     # ZMP on the standing foot, along it, at the begin and the end of every single support.
-    along = np.stack([np.cos(heading[1:-1]), np.sin(heading[1:-1])], axis=1)
     begin, end = (
-        ((plan.sample(times).zmp - place[1:-1]) * along).sum(axis=1) for times in (starts[1::2], starts[2::2])
+        ((plan.sample(times).zmp - place[1:-1]) * forward[1:-1]).sum(axis=1)
+        for times in (starts[1::2], starts[2::2])
     )
     # The feet do not roll out of a stand, nor into one.
     double = np.diff(starts, append=contacts.duration)[0::2]
     rests = double >= 2.0 * SETTLING - 1e-9
     rests[[0, -1]] = True
     lift, strike = np.where(rests, 0.0, share)[:n], np.where(rests, 0.0, share)[1:]
-    delay = np.zeros(n)
-    behind = sole.ball_x - _AT_BALL - end[:-1]
-    delay[1:] = np.clip(behind / (_WAIT * sole.length), 0.0, _LATEST)
+    delay = np.zeros(n)  # of the heel's rise, over the double support
+    delay[1:] = np.clip((sole.ball_x - _AT_BALL - end[:-1]) / (_WAIT * sole.length), 0.0, _LATEST)
     lift[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
     # A heel that rises late by itself waits only for the rest.
     late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
     wait = np.maximum(delay + late, 0.0)
-    back = -begin[1:] / -sole.heel_x
-    strike[:-1] *= np.clip((back - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
+    to_heel = -begin[1:] / -sole.heel_x
+    strike[:-1] *= np.clip((to_heel - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
     # The sole is down before the ZMP has passed the heel.
     share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
     times = (starts[2::2, None] + share_of_time * double[1:, None]).ravel()
     zmp = plan.sample(np.minimum(times, plan.duration)).zmp.reshape(n, _GRID, 2) - place[2:, None]
-    landing = np.stack([np.cos(heading[2:]), np.sin(heading[2:])], axis=1)
-    before = (zmp * landing[:, None]).sum(axis=2) <= sole.heel_x
-    down = foot.full_contact * np.clip((before.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
+    behind_heel = (zmp * forward[2:, None]).sum(axis=2) <= sole.heel_x
+    down = foot.full_contact * np.clip((behind_heel.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
     angle, rate = lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)), lift * foot.toe_off_rate
     latest = double[:-1] + foot.heel_rise_lead - _SLOWLY * angle / np.maximum(rate, 1e-9)
-    forward = ((place[2:] - place[:n]) * landing).sum(axis=1) / (1.5 * step_length)
-    bump = _PITCH_BUMP * np.maximum(1.0 - lift * (1.0 - delay), 0.0) * np.clip(forward, 0.0, 1.0)
+    travel = ((place[2:] - place[:n]) * forward[2:]).sum(axis=1) / (1.5 * step_length)
+    bump = _PITCH_BUMP * np.maximum(1.0 - lift * (1.0 - delay), 0.0) * np.clip(travel, 0.0, 1.0)
     return Roll(
         lift=np.append(angle, 0.0),
         lift_rate=np.append(rate, 0.0),
