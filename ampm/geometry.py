@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _BLOCK = 500  # sets at a time: their (k, k, n) arrays stay in the processor's cache
 _TINY = 1e-12  # points nearer than this are one, points farther right than this are right of a line [m]

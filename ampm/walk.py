@@ -16,16 +16,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.parameters import CommandParameters, RunParameters
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
 from ampm.reference import FIELDS, SHARP, PostureState, Reference, Timing
-
-Flags = NDArray[np.bool_]
 
 
 class Posture(Protocol):

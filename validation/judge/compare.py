@@ -18,9 +18,9 @@ import numpy as np
 from ampm.brief import Brief
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.planner.centroidal import PlanSample
-from ampm.walk import Flags, WalkPlan
+from ampm.walk import WalkPlan
 from validation.judge.margins import energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
 from validation.table import own_rows

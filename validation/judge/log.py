@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import correlate, find_peaks
 
 from ampm.exceptions import InputError
-from ampm.geometry import Array
-from ampm.walk import Flags, WalkPlan
+from ampm.geometry import Array, Flags
+from ampm.walk import WalkPlan
 from validation.measure.log import LOADED, PLACES, Log
 
 PHASES = 200

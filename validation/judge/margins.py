@@ -11,9 +11,8 @@ import numpy as np
 
 from ampm.body.motion import Extreme
 from ampm.description import BodyDescription
-from ampm.geometry import Array, blocks
+from ampm.geometry import Array, Flags, blocks
 from ampm.planner.centroidal import PlanSample
-from ampm.walk import Flags
 from validation.measure.measure import MeasuredGait
 from validation.trial.followed import Followed
 from validation.trial.record import SimulationRecord, state_steps
