@@ -259,8 +259,9 @@ def _phase(
 def _stand_signal(solved: Solution, end: int) -> Array:
     """(r, q) at the ends of the quarters of the first (0) or last (1) double support, shape (5, 2, 2)."""
     r, q = solved.signal[-end, end]
-    middle, one, two = solved.nodes[end]
-    signal = np.stack(stand_nodes(r, q, middle, one, two, solved.problem.ends[end]), axis=1)
+    r_middle, q_quarter, q_middle = solved.nodes[end]
+    nodes = stand_nodes(r, q, r_middle, q_quarter, q_middle, solved.problem.ends[end])
+    signal = np.stack(nodes, axis=1)
     return signal[::-1] if end else signal
 
 

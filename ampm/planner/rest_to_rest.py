@@ -119,19 +119,16 @@ def _quarters(frequency: float, point: Array, arm: Array) -> Array:
     return np.asarray(np.kron(state, np.eye(2)), dtype=np.float64)
 
 
-def stand_nodes(r: Array, q: Array, mid: Array, one: Array, two: Array, rest: Array) -> tuple[Array, Array]:
+def stand_nodes(
+    r: Array, q: Array, r_middle: Array, q_quarter: Array, q_middle: Array, rest: Array
+) -> tuple[Array, Array]:
     """Values of r and q at the ends of the quarters of a double support, from rest on, shape (5, m) each.
 
-    Args:
-        r: at the single support.
-        q: likewise.
-        mid: r at the middle.
-        one: q at a quarter from the rest.
-        two: q at the middle.
-        rest: COM at rest, all of shape (m,).
+    All arguments have the shape (m,): r and q at the single support, r at the middle, q at a quarter from the
+    rest and at the middle, and the COM at rest.
     """
-    point = [rest, 0.5 * (rest + mid), mid, 0.5 * (mid + r), r]
-    return np.array(point), np.array([np.zeros_like(q), one, two, 0.5 * (two + q), q])
+    point = [rest, 0.5 * (rest + r_middle), r_middle, 0.5 * (r_middle + r), r]
+    return np.array(point), np.array([np.zeros_like(q), q_quarter, q_middle, 0.5 * (q_middle + q), q])
 
 
 def _stacked(entries: list[list[Array]]) -> Array:
@@ -155,7 +152,8 @@ def solve(problem: Problem) -> Solution:
     """Solve for the states of all supports."""
     n, place, theta = len(problem.place), problem.place, _THETA / problem.weight
     move, signal = (in_world(m, problem.axes) for m in single_maps(problem, problem.single))
-    # The maps of a support count from its foot: constants of (c, v, J, Theta) at its end, of (r, q) at both.
+    # The maps of a support count from its foot. In world they get constants: of the state at its end (moved),
+    # of the signal at its begin (begun) and end (ended). The signal at its end per state is `leaving`.
     moved, begun = -times(move[:, :, :2], place), -times(signal[:, :, :2], place)
     moved[:, :2] += place
     begun[:, :2] += place
@@ -165,11 +163,11 @@ def solve(problem: Problem) -> Solution:
 
     # From a support to the next: eight equations of the motion, two of Theta in the middle.
     blend = in_world(_blend_maps(problem.frequency, problem.blend, problem.double), problem.between)
-    from_, rising, to = blend[:, :, :8], blend[:, :, 8:12], blend[:, :, 12:]
-    before = from_ @ move[:-1] + rising @ leaving[:-1]
-    after = to @ signal[1:]
+    by_state, by_signal, by_next = blend[:, :, :8], blend[:, :, 8:12], blend[:, :, 12:]
+    before = by_state @ move[:-1] + by_signal @ leaving[:-1]
+    after = by_next @ signal[1:]
     after[:, :8, :8] -= np.eye(8)
-    known = times(from_, moved[:-1]) + times(rising, ended[:-1]) + times(to, begun[1:])
+    known = times(by_state, moved[:-1]) + times(by_signal, ended[:-1]) + times(by_next, begun[1:])
     for part in (before, after, known):
         part[:, 8:] /= theta
 

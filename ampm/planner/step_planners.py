@@ -66,9 +66,9 @@ def step_axes(steps: StepPlan) -> tuple[_Axis, _Axis]:
 
 
 def _repeated(steps: StepPlan, times: Array, motions: Sequence[Array]) -> StepPlan:
-    """The same steps with another motion of the COM, the mirror image of its first step in every step.
+    """The same steps with another motion of the COM, mirrored from step to step.
 
-    Of COM, velocity and acceleration along x and y, (3, n) each, at times of the first step, (n,) [s].
+    Motions along x and y are position, velocity and acceleration at n times of the first step, (3, n) each.
     """
     duration, length = steps.constants.step_duration, steps.contacts.step_length
     laws, ends = [], np.append(times, duration)
@@ -136,7 +136,7 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     """COM, velocity and acceleration at times since the start of either support [s], shape (3, n)."""
     single, double = steps.constants.single_support_duration, steps.constants.double_support_duration
     w = math.sqrt(steps.gravity / steps.com_height)
-    lead = (axis.end - axis.begin) / single / w  # of the DCM before the moving ZMP, where it does not diverge
+    lead = (axis.end - axis.begin) / single / w  # distance of a DCM that does not diverge from the moving ZMP
     # xi = p + lead + C exp(w t) in single support: C from the mirrored return.
     rise, half = math.exp(w * single), math.exp(0.5 * w * double)
     jump = (axis.next - axis.end) * half
