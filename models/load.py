@@ -75,6 +75,7 @@ class Writer:
         return self._path(self.tree.segments[segment].parent) + here
 
     def _find_legs(self) -> None:
+        """Find legs and trunk from the feet, knees and trunk that the description names."""
         tree, file = self.tree, self.file
         feet = [tree.of_body[body] for body in tree.feet]
         left, right = (self._path(foot) for foot in feet)

@@ -178,6 +178,7 @@ class Tree:
                 self._read(child, parent)
 
     def _joints(self, body: int) -> list[Hinge]:
+        """Hinges of a body of the source that are not locked, with the values of the description."""
         model, file, hinges = self.model, self.file, []
         first = int(model.body_jntadr[body])
         for j in range(first, first + int(model.body_jntnum[body])):

@@ -101,13 +101,8 @@ def step_laws(gait: GaitParameters) -> StepLaws:
         "lateral_switching_velocity": velocity,
         "mean_velocity": gait.step_length / (t_ss + t_ds),
     }
-    return StepLaws(
-        PlanConstants(**{name: float(value) for name, value in constants.items()}),
-        single_x,
-        double_x,
-        single_y,
-        double_y,
-    )
+    floats = {name: float(value) for name, value in constants.items()}
+    return StepLaws(PlanConstants(**floats), single_x, double_x, single_y, double_y)
 
 
 def _refuse_undriven(bracket: float, c_s: float, inverse_a_s: float, c_y: float) -> None:

@@ -213,6 +213,7 @@ def _evaluate(coefficients: Array, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
+    """Evaluate one foot's path at times (N,) [s], in the path's axes."""
     index = path.segments(t)
     value, first, second = _evaluate(path.curve[index], (t - path.start[index])[:, None])
     pitch, pitch_velocity, pitch_acceleration = value[:, PITCH], first[:, PITCH], second[:, PITCH]

@@ -202,13 +202,8 @@ def solve(problem: Problem) -> Solution:
     end = times(move, state) + moved
     both = np.stack([times(signal, state) + begun, times(leaving, state) + ended], axis=1)
     nodes = np.stack([x[:6], x[-6:]]) * node
-    return Solution(
-        problem,
-        state.reshape(n, 5, 2),
-        end.reshape(n, 4, 2),
-        both.reshape(n, 2, 2, 2),
-        nodes.reshape(2, 3, 2),
-    )
+    shapes = (n, 5, 2), (n, 4, 2), (n, 2, 2, 2), (2, 3, 2)
+    return Solution(problem, *map(np.reshape, (state, end, both, nodes), shapes))
 
 
 class _Banded:
