@@ -88,7 +88,7 @@ _RANGE = {choice.name: choice for choice in CHOICES}
 
 
 class FreeChoices:
-    """From unknowns to parameters: the free choices, and the values of the others.
+    """Turns unknowns into parameters: the free choices, and the values of the others.
 
     Args:
         run: the request.
@@ -192,7 +192,7 @@ class FreeChoices:
         )
         if self.flat:
             return run
-        lead = self._kept("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
+        lead = self._set_or("foot.heel_rise_lead", _heel_rise_lead(plan, ball))
         rolling = self._rolling(run, choice, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
@@ -213,9 +213,9 @@ class FreeChoices:
         self, run: RunParameters, choice: Mapping[str, float], double: float, lead: float
     ) -> RunParameters:
         """Key-frames of the feet for a heel that rises ``lead`` before a double support of ``double`` [s]."""
-        down = self._kept("foot.full_contact", choice["down"])
-        strike = self._kept("foot.heel_strike_angle", choice["strike"])
-        toe_off = self._kept("foot.toe_off_angle", choice["toe_off"])
+        down = self._set_or("foot.full_contact", choice["down"])
+        strike = self._set_or("foot.heel_strike_angle", choice["strike"])
+        toe_off = self._set_or("foot.toe_off_angle", choice["toe_off"])
         return self._replaced(
             run,
             {
@@ -239,8 +239,8 @@ class FreeChoices:
         changed = {name: getattr(run, name).model_copy(update=new) for name, new in sections.items()}
         return run.model_copy(update=changed)
 
-    def _kept(self, key: str, value: float) -> float:
-        """The value of a key that was named, or else the one that was chosen."""
+    def _set_or(self, key: str, value: float) -> float:
+        """The value of a key that is set, or else the one that was chosen."""
         return float(self.run.value(key)) if key in self.fixed else value
 
     # ------------------------------------------------------------------- guess
@@ -260,7 +260,7 @@ class FreeChoices:
             if not item.derived:
                 scale = h if item.scaled else 1.0
                 scale *= self.wide if item.name == "width" else 1.0
-                choice[item.name] = self._kept(item.key, choice[item.name] * scale) / scale
+                choice[item.name] = self._set_or(item.key, choice[item.name] * scale) / scale
         l_s = 0.5 * gait.step_length * choice["ratio"]
         # c_s - 1/a_s must stay well above 0: short steps and small c_s let the ZMP roll less.
         choice["roll"] = min(1.0, self.most_roll - 0.05, 0.55 * gait.c_s * l_s / self.sole.ball_x)
@@ -325,36 +325,36 @@ class FreeChoices:
         """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot."""
         wanted, limit = LIMITS["mid_stance"].target, LIMITS["mid_stance"].bound
         gait, ratio, roll = self.run.gait, choice["ratio"], choice["roll"]
-        best, at = -math.inf, dict(choice)
+        best, best_choice = -math.inf, dict(choice)
         ratios = np.linspace(ratio, _RANGE["ratio"].lower, 25) if "ratio" in self.names else [ratio]
         for share in ratios:
             l_s = 0.5 * gait.step_length * float(share)
             # Beyond c_s l_s the force line would not drive the COM off the foot.
             most = min(self.most_roll - 0.05, 0.9 * gait.c_s * l_s / self.sole.ball_x)
             farther = "roll" in self.names and most > roll
-            for travel in np.linspace(roll, most, 7) if farther else [roll]:
-                trial = {**choice, "ratio": float(share), "roll": min(float(travel), max(most, 0.0))}
+            for longer in np.linspace(roll, most, 7) if farther else [roll]:
+                trial = {**choice, "ratio": float(share), "roll": min(float(longer), max(most, 0.0))}
                 value = mid_stance_share(self._gait(trial))
                 if value > best:
-                    best, at = value, trial
+                    best, best_choice = value, trial
                 if value >= wanted:
                     return trial
         if best < limit:
-            gait = self._gait(at)
+            gait = self._gait(best_choice)
             if not gait.c_s > 1.0 / gait.a_s:
                 plan_gait(gait, self.run.body.mass)  # refuses a force line that pulls the COM back
             least = gait.switching_velocity * math.sqrt((1.0 - best) / (1.0 - limit))
             raise MathematicalRefusal(
                 f"gait.switching_velocity = {gait.switching_velocity:.4g} m/s is too slow to pass over the "
-                f"foot, whatever is chosen: with {at['ratio']:.0%} of single support and a roll of "
-                f"{at['roll'] * self.sole.ball_x:.3g} m it takes {least:.5g} m/s",
+                f"foot, whatever is chosen: with {best_choice['ratio']:.0%} of single support and a roll of "
+                f"{best_choice['roll'] * self.sole.ball_x:.3g} m it takes {least:.5g} m/s",
                 reason="switching_velocity_too_low",
                 value=gait.switching_velocity,
                 limit=least,
                 unit="m/s",
                 way_out="raise gait.switching_velocity, shorten gait.step_length or lower gait.c_s",
             )
-        return at
+        return best_choice
 
     def _height(self, choice: Mapping[str, float]) -> float:
         """Highest COM at which the hip and ankle centres stay as near as with a knee bent by 0.6 rad."""
@@ -394,16 +394,16 @@ def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:
 
 
 def _later_rise(plan: StepPlan) -> float:
-    """By how much later the heel must rise to leave the ZMP before the line from ball to front foot [s]."""
+    """Delay of the heel's rise that keeps the ZMP before the line from ball to front foot [s]."""
     times, double = step_instants(plan)
     times = times[double]
     points, contact = plan.points_in_contact(times)
     zmp = plan.sample(times).zmp
     risen = ~contact[:, 0]
-    standing = contact.copy()
-    standing[:, :2] = True
-    level = points.copy()
-    level[:, :2, 0] = points[:, 2:4, 0] + plan.feet.sole.heel_x - plan.feet.sole.ball_x
-    without, with_heel = polygon_margin(points, contact, zmp), polygon_margin(level, standing, zmp)
+    flat_contact, flat_points = contact.copy(), points.copy()
+    flat_contact[:, :2] = True
+    flat_points[:, :2, 0] = points[:, 2:4, 0] + plan.feet.sole.heel_x - plan.feet.sole.ball_x
+    without = polygon_margin(points, contact, zmp)
+    with_heel = polygon_margin(flat_points, flat_contact, zmp)
     missed = risen & (without < -RISE_TOLERANCE) & (with_heel > without + 1e-6)
     return float(times[missed].max() - times[risen].min()) if missed.any() else 0.0

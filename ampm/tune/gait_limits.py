@@ -81,12 +81,12 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
 
 
 def tightest(values: Mapping[str, Array]) -> dict[str, float]:
-    """Of every limit the value with the least margin."""
+    """The value with the least margin of every limit."""
     return {name: float(min(every, key=LIMITS[name].margin)) for name, every in values.items()}
 
 
-def least(values: Mapping[str, float]) -> float:
-    """The least normalised margin of some limits [1]."""
+def least_margin(values: Mapping[str, float]) -> float:
+    """The least normalised margin of values by limit [1]."""
     return min(LIMITS[name].margin(value) for name, value in values.items())
 
 
@@ -94,8 +94,8 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
     """Values that the periodic step gives, by name in :data:`LIMITS`, in its unit.
 
     Returns:
-        Of every limit the extreme values of each joint, on either side of its range, in single and in double
-        support, or another number of values.
+        One or more values of each limit: of a group of joints the extremes of every joint, on either side of
+        its range, in single and in double support.
     """
     time, step = orbit.reference.time, orbit.trajectory
     torque, twist = step_torques(step, time, plan, robot)
@@ -119,8 +119,8 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
         values[name] = np.concatenate(margins).ravel()
         values[f"{name}_torque"] = most[:, joints].ravel()
         if name == "hip":
-            last = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
-            values["hip_time"] = np.trapezoid(last, time, axis=0) / time[-1]
+            last_fifth = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
+            values["hip_time"] = np.trapezoid(last_fifth, time, axis=0) / time[-1]
     knee = [robot.knee_flexion(step.q[phase]).min(axis=0) for phase in phases]
     return {**values, "knee": np.concatenate(knee)}
 

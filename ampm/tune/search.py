@@ -21,16 +21,16 @@ from ampm.linear import product, solved
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins, tightest
+from ampm.tune.gait_limits import least_margin, orbit_margins, plan_margins, tightest
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a search goes."""
+    """When a search ends."""
 
-    choices: int = 120  # after which it ends
+    choices: int = 120  # number of choices after which it ends
     enough: float = 0.9  # least margin at which it ends [1]
-    starts: int = 0  # spread over the ranges, from which others begin where the first finds nothing
+    starts: int = 0  # number of further starts, spread over the ranges, where the first search finds nothing
 
 
 _NODES = (32, 14)  # intervals of the grid in single and double support
@@ -84,8 +84,8 @@ class RoughOrbits:
 class Candidate:
     """One choice that was evaluated."""
 
-    x: Array  # free unknowns
-    run: RunParameters  # complete, if there is a plan
+    x: Array  # free unknowns, shape (n,)
+    run: RunParameters  # with these choices, if there is a plan
     plan: StepPlan | None = None  # None where the formula has no solution
     # limit to value, and normalised margins of every joint and phase; empty where there is no periodic step
     values: dict[str, float] = field(default_factory=dict)
@@ -99,7 +99,7 @@ class Candidate:
 
     def worst(self) -> float:
         """Least normalised margin; minus infinity where there is no periodic step."""
-        return -math.inf if self.orbit is None else least(self.values)
+        return -math.inf if self.orbit is None else least_margin(self.values)
 
     def state(self) -> Array:
         """Margins and unknowns of the periodic step, which the search takes as linear in the choices."""
@@ -146,9 +146,9 @@ class ChoiceSearch:
         return candidate
 
     def spread(self, starts: int) -> Candidate:
-        """Of choices spread over the ranges the one with the least residuals that has a periodic step.
+        """The choice with the least residuals among those, spread over the ranges, that have a periodic step.
 
-        Where none has, the last one that was tried.
+        Where none has one, the last choice that was tried.
         """
         found: list[Candidate] = []
         for x in self.space.spread(self.guess, starts):
@@ -159,11 +159,12 @@ class ChoiceSearch:
                 break
         return min(
             found,
-            key=lambda candidate: float((_missing(candidate.detail, 1.0) ** 2).sum()),
+            key=lambda candidate: float((_shortfall(candidate.detail, 1.0) ** 2).sum()),
             default=self.candidates[-1],
         )
 
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
+        """Plan, periodic step and margins of one choice, as far as there are any."""
         space, orbits = self.space, self.orbits
         try:
             run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
@@ -192,7 +193,7 @@ class ChoiceSearch:
         they were computed last: then the search ends.
 
         Args:
-            start: the choice.
+            start: the choice to begin with.
             wanted: margin from which a limit has no residual [1].
             pull: weight of the distance to the guess [1].
             enough: least margin at which it ends, at most that of the effort [1].
@@ -209,7 +210,7 @@ class ChoiceSearch:
         def cost(candidate: Candidate) -> float:
             if candidate.orbit is None:
                 return math.inf
-            return float((_missing(candidate.detail, wanted) ** 2).sum() + (away(candidate) ** 2).sum())
+            return float((_shortfall(candidate.detail, wanted) ** 2).sum() + (away(candidate) ** 2).sum())
 
         for _ in range(_TRIES):
             before = cost(here)
@@ -265,17 +266,17 @@ class ChoiceSearch:
 def _linear_step(
     margins: Array, slopes: Array, away: Array, pull: float, wanted: float, bounds: tuple[Array, Array]
 ) -> tuple[Array, float]:
-    """Step within bounds with the least residuals where margins are linear, and how much less (Levenberg)."""
+    """Step within bounds that minimises the residuals of linear margins, and by how much (Levenberg)."""
 
     def residuals(step: Array) -> Array:
-        return np.concatenate([_missing(margins + _times(slopes, step), wanted), away + pull * step])
+        return np.concatenate([_shortfall(margins + _times(slopes, step), wanted), away + pull * step])
 
     low, high = bounds
     step, damping = np.zeros(len(low)), 1e-3
     r = first = residuals(step)
     for _ in range(40):
-        slope = _slope(margins + _times(slopes, step), wanted)
-        columns = np.vstack([slope[:, None] * slopes, pull * np.eye(len(low))]).T
+        factor = _shortfall_slope(margins + _times(slopes, step), wanted)
+        columns = np.vstack([factor[:, None] * slopes, pull * np.eye(len(low))]).T
         down = -_times(columns, r)
         free = ~((step <= low) & (down < 0.0) | (step >= high) & (down > 0.0))
         if not free.any():
@@ -302,13 +303,13 @@ def _times(matrix: Array, x: Array) -> Array:
     return np.asarray(np.einsum("ij,j", matrix, x))
 
 
-def _missing(margins: Array, wanted: float) -> Array:
+def _shortfall(margins: Array, wanted: float) -> Array:
     """Shortfall of margins; it grows slowly far from the limit, so that one limit does not dominate."""
     short = np.maximum(0.0, wanted - margins)
     return np.where(short < 2.0, 0.5 * short * (1.0 + short), 3.0 + np.log(np.maximum(short - 1.0, 1.0)))
 
 
-def _slope(margins: Array, wanted: float) -> Array:
-    """Derivative of :func:`_missing` by the margins."""
+def _shortfall_slope(margins: Array, wanted: float) -> Array:
+    """Derivative of :func:`_shortfall` by the margins."""
     short = np.maximum(0.0, wanted - margins)
     return -np.where(short < 2.0, 0.5 + short, 1.0 / np.maximum(short - 1.0, 1.0)) * (short > 0.0)

@@ -32,7 +32,7 @@ from ampm.planner.periodic import plan_gait
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import least, orbit_margins, plan_margins, step_torques, tightest
+from ampm.tune.gait_limits import least_margin, orbit_margins, plan_margins, step_torques, tightest
 from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
@@ -42,12 +42,12 @@ Report = Callable[[str], None]
 _DROPS = (0.0, 0.012, 0.025, 0.04, 0.06)  # how much lower the guess's COM is tried [statures]
 _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
-_STARTS = 64  # spread over the ranges, where the search from the guess finds nothing
-_FROM_STARTS = 80  # choices of the search from the best start,
-_FARTHEST = -10.0  # unless its margin is below this one
-_FOR_WAYS_OUT = 40  # choices of all searches for a way out
+_STARTS = 64  # number of starts spread over the ranges, where the search from the guess finds nothing
+_FROM_STARTS = 80  # most choices of the search from the best of these starts
+_FARTHEST = -10.0  # margin of the best start below which there is no such search
+_FOR_WAYS_OUT = 40  # most choices of all searches for a way out
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
-_GRID = 0.1  # margin that a coarse grid may be wrong by: 2 % of a torque limit
+_GRID = 0.1  # largest error of a margin on the coarse grid: 2 % of a torque limit
 _LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 _L_Z = "body.angular_momentum_z"
 _PELVIS = {"body.pelvis_list", "body.pelvis_rotation"}  # choices of searches from other starts alone
@@ -65,7 +65,7 @@ class Tuned:
 
     def worst(self) -> float:
         """Least normalised margin [1]."""
-        return least(self.margins)
+        return least_margin(self.margins)
 
 
 def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, advise: bool = True) -> Tuned:
@@ -152,10 +152,10 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
     try:
         steps = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
         values = tightest(plan_margins(steps, run, space.description))
-        if least(values) >= -_GRID:  # else there is no use in a periodic step
+        if least_margin(values) >= -_GRID:  # else there is no use in a periodic step
             orbit = RoughOrbits(robot, run).solve(steps, run)
             values |= tightest(orbit_margins(orbit, steps, robot))
-        if not least(values) >= -_GRID:
+        if not least_margin(values) >= -_GRID:
             return None
         plan = PeriodicPlanner().plan(run, robot)
     except (RefusedGait, InputError, Unreachable):
