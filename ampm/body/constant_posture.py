@@ -88,7 +88,7 @@ class ConstantPosture:
         return PostureState(q, v, acceleration, trunk, np.zeros(n), window)
 
     def heading(self, times: Array) -> tuple[Array, Array, Array]:
-        """Of the pelvis, with its rate and acceleration, each (T,) [rad, s]."""
+        """Heading of the pelvis, its rate and acceleration, each (T,) [rad, rad/s, rad/s^2]."""
         start, duration, before, change = self.turns.T
         row = np.maximum(np.searchsorted(start, times, side="right") - 1, 0)
         T, turn = duration[row], change[row]

@@ -162,6 +162,7 @@ def _configuration_rate(q: Array, v: Array) -> Array:
 
 
 def _hermite(s: Array, h: Array, p0: Array, p1: Array, d0: Array, d1: Array) -> Array:
+    """Cubics at shares s of intervals h, by values p and rates d at their ends."""
     s2, s3 = s * s, s * s * s
     return (
         (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * h * d0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * h * d1

@@ -138,18 +138,8 @@ def _motion(
         joint_limit_margin=_least(margins, time, robot.joint_names),
         clearance=Extreme(float(gaps.distance[closest]), float(time[2 * closest]), gaps.parts[closest]),
     )
-    return WholeBodyMotion(
-        robot.joint_names,
-        time,
-        step.q,
-        step.v,
-        step.acceleration,
-        step.trunk_pitch,
-        step.angular_momentum_z,
-        plan.contacts.step_length,
-        plan.contacts.step_rise,
-        report,
-    )
+    contacts = plan.contacts
+    return WholeBodyMotion(robot.joint_names, time, *step, contacts.step_length, contacts.step_rise, report)
 
 
 def _least(values: Array, time: Array, names: tuple[str, ...]) -> Extreme:

@@ -171,6 +171,12 @@ def sum_inertia(tree: Records, link: Records) -> None:
 
 
 @compiled
+def com_of(link: Records) -> Vector:
+    """COM of the body from O [m]; the links have their inertia."""
+    return times(1.0 / link[0].mass, vector(link[0].first))
+
+
+@compiled
 def move_links(tree: Records, v: Array, qdd: Array, gravity: float, link: Records) -> None:
     """Velocities and accelerations of all links; the floor's push against gravity accelerates the root."""
     root = link[0]
@@ -193,8 +199,8 @@ def move_links(tree: Records, v: Array, qdd: Array, gravity: float, link: Record
 
 @compiled
 def angular_momentum(tree: Records, link: Records) -> Vector:
-    """Of the body about its COM [N m s]; the links have their inertia, places and velocities."""
-    total, com = ZERO, times(1.0 / link[0].mass, vector(link[0].first))
+    """Angular momentum of the body about its COM [N m s]; the links have their inertia and velocities."""
+    total, com = ZERO, com_of(link)
     for i in range(len(tree)):
         here, omega = link[i], vector(link[i].omega)
         sweep = cross(omega, minus(vector(here.com), vector(here.place)))
@@ -260,7 +266,7 @@ def momentum_columns(link: Records, columns: Array) -> None:
     """
     root = link[0]
     mass = root.mass
-    com = times(1.0 / mass, vector(root.first))
+    com = com_of(link)
     for k in range(3):
         put(columns[k, 0:3], column(root.turn, k))
         put(columns[k, 3:6], ZERO)
@@ -331,9 +337,9 @@ def task_drift(tree: Records, link: Records, soles: Records, v: Array, now: Arra
     start_forces(tree, link)
     sum_forces(tree, link)
     root, per_mass = link[0], 1.0 / link[0].mass
-    force, com = vector(root.force), times(per_mass, vector(root.first))
+    force = vector(root.force)
     put(drift[0:3], times(per_mass, force))
-    put(drift[3:6], times(per_mass, minus(vector(root.moment), cross(com, force))))
+    put(drift[3:6], times(per_mass, minus(vector(root.moment), cross(com_of(link), force))))
 
 
 @compiled

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import moved, place_body, place_of, task_drift
+from ampm.body.rigid_body import com_of, moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
 from ampm.linear import add_combination, product, solved
-from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, times, turned, vector
+from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, turned, vector
 
 Rows = NDArray[np.intp]
 
@@ -67,8 +67,7 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
     place_body(body.tree, body.link, body.soles, q, body.columns)
     link, error = body.link, body.miss
     root, pose = (q[0], q[1], q[2]), np.empty((3, 3))
-    com = plus(root, times(1.0 / link[0].mass, vector(link[0].first)))
-    put(error[0:3], minus(vector(tasks.position[k, 0]), com))
+    put(error[0:3], minus(vector(tasks.position[k, 0]), plus(root, com_of(link))))
     for i in range(len(body.soles)):
         sole, row = body.soles[i], 3 + 6 * i
         multiply(link[sole.joint].turn, sole.turn, pose)

@@ -51,11 +51,11 @@ class _Followed(NamedTuple):
     time: Array  # shape (T,) [s]
     # torques of the hinges over their limits, in double support of trunk and arms only, (T, nu) [1]
     share: Array
-    rate: Array  # of the hinges, shape (T, nu) [rad/s]
-    beyond: Array  # sideward angle of the ankles beyond their range, of others 0, shape (T, nu) [rad]
-    # of the body's parts at the start, then at every other instant until a leg does not reach, (K,) [m]
+    rate: Array  # rates of the hinges, shape (T, nu) [rad/s]
+    beyond: Array  # sideward angle of the ankles beyond their range, 0 of other hinges, shape (T, nu) [rad]
+    # distance of two parts at the start, then at every other instant until a leg does not reach, (K,) [m]
     gap: Array
-    parts: tuple[str, ...]  # names of those that are next to each other, K texts
+    parts: tuple[str, ...]  # names of these two parts, K texts
     # pieces in which a leg does not reach: begin and end [s], and why
     lost: list[tuple[float, float, Unreachable]]
 
@@ -83,9 +83,9 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
 def _range_limit(
     plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot
 ) -> tuple[Limit, float]:
-    """How far a joint of the upright body is beyond its range, at most, in the swings.
+    """Largest angle by which a joint of the upright body is beyond its range in the swings, and its limit.
 
-    Instants that a leg does not reach are left out: a pelvis that tilts may reach them.
+    Instants at which a leg does not reach are left out: with a tilted pelvis it may.
     """
     swings = [phase for phase in plan.contacts.phases if phase.kind == "single_support"]
     times = np.concatenate([part.start + part.duration * np.linspace(0.0, 1.0, _INSTANTS) for part in swings])
@@ -197,9 +197,9 @@ def _means(time: Array, values: Array, window: float) -> Array:
 
 
 def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> _Followed:
-    """Follow a walk up to its last stop."""
+    """Follow a walk up to its last stop, piece by piece, each with its own constant heading and feedback."""
     gains, nodes = run.controller, _INTERVALS + 1
-    ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])
+    ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])  # that turn sidewards
     ankles &= (np.abs(robot.jacobian(posture.q).jacobian[[9, 15], 6:]) > math.sqrt(0.5)).any(axis=0)
     ik = InverseKinematics(
         robot,
@@ -222,26 +222,27 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     time = edges[:-1, None] + length[:, None] * np.linspace(0.0, 1.0, nodes)
     time[:, -1] -= 1e-9  # before a foot lifts
     time = time.ravel()
-    heading, turning, bend = posture.heading(0.5 * (edges[1:] + edges[:-1]))
-    lead = (ik.body.damping * turning + bend) / ik.body.stiffness  # the pull of a posture at rest lags
+    heading, rate_of_heading, acceleration = posture.heading(0.5 * (edges[1:] + edges[:-1]))
+    # The pull of a posture at rest lags.
+    lead = (ik.body.damping * rate_of_heading + acceleration) / ik.body.stiffness
     heading = heading + lead
     reference = step_reference(plan, time).turned(np.repeat(heading, nodes))
     share, rate, beyond = np.full((3, len(time), robot.nu), np.nan)
     lost, window = [], 2.0 * plan.constants.step_duration
-    tilts, axes = np.zeros((len(length), 2)), 0.0
+    tilts, axes_heading = np.zeros((len(length), 2)), 0.0  # tilt of the trunk at the end of every piece
     integral, tilt, momentum = np.zeros((3, 2))
     configurations = [posture.start[0][None]]
     q, v = posture.start
-    for k, part in enumerate(length):
+    for k, duration in enumerate(length):
         rows = slice(k * nodes, (k + 1) * nodes)
-        q, axes = turned(q, axes - heading[k]), heading[k]
+        q, axes_heading = turned(q, axes_heading - heading[k]), heading[k]
         recent = edges[1 : k + 1] > edges[k] - window
         mean = (length[:k, None] * tilts[:k])[recent].sum(axis=0) / window
-        integral = integral + mean * part
+        integral = integral + mean * duration
         wanted = gains.trunk_gain * (mean + gains.trunk_integral * integral) / robot.mass
         piece = reference.part(rows)
         velocity = piece.velocity.copy()
-        momentum = momentum + (1.0 - math.exp(-gains.momentum_gain * part)) * (wanted - momentum)
+        momentum = momentum + (1.0 - math.exp(-gains.momentum_gain * duration)) * (wanted - momentum)
         velocity[:, 3:5] -= momentum @ rotations(lead[k])
         piece = piece._replace(velocity=velocity)
         try:

@@ -13,12 +13,19 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from ampm.body.articulated import respond
-from ampm.body.rigid_body import angular_momentum, move_links, moved, place_links, place_of, sum_inertia
+from ampm.body.rigid_body import (
+    angular_momentum,
+    com_of,
+    move_links,
+    moved,
+    place_links,
+    place_of,
+    sum_inertia,
+)
 from ampm.compiled import compiled
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.sensors.soles import spread_wrenches
 from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
-from ampm.walk import Flags
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
@@ -115,15 +122,15 @@ def update(
     put(v[3:6], vector(f.rate))
     v[6:] = f.joint_rate
     for n in range(len(f.commanded)):
-        span = acted(f, n, now - age, now)
+        span = acting_time(f, n, now - age, now)
         if span > 0.0:
             q[:] = moved(q, span * (v + (f.lag + 0.5 * span) * f.commanded[n]))
             v += span * f.commanded[n]
 
 
 @compiled
-def acted(f: Filter, n: int, start: float, stop: float) -> float:
-    """How long a command acted between two times [s]."""
+def acting_time(f: Filter, n: int, start: float, stop: float) -> float:
+    """Time for which command n acted between two times [s]."""
     span = min(f.begin[n + 1], stop) - max(f.begin[n], start)
     return span if span > CLOCK else 0.0
 
@@ -133,13 +140,13 @@ def predict(f: Filter, last: float, period: float) -> None:
     """State and covariance a period after the readings before."""
     commanded = np.zeros(f.commanded.shape[1])
     for n in range(len(f.commanded)):
-        commanded += acted(f, n, last, last + period) / period * f.commanded[n]
+        commanded += acting_time(f, n, last, last + period) / period * f.commanded[n]
     force = predict_root(f, commanded, period)
     sum_inertia(f.tree, f.link)
     respond(f.tree, f.armature, f.link, f.inertia, f.twist, f.response)
     predict_joints(f, commanded, period)
-    spread_rows(f, period, force, f.covariance)
-    spread_rows(f, period, force, f.covariance.T)
+    propagate(f, period, force, f.covariance)
+    propagate(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
         f.covariance[e, e] += f.growth[e]
 
@@ -153,17 +160,18 @@ def predict_joints(f: Filter, commanded: Array, period: float) -> None:
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
         start, covariance = f.joint_rate[j], f.joint_covariance[j]
-        a = commanded[6 + j] + f.response[j] / period
-        angle, rate = f.q[7 + j] + period * start + shift * a, start + period * a
+        acceleration = commanded[6 + j] + f.response[j] / period
+        angle, rate = f.q[7 + j] + period * start + shift * acceleration, start + period * acceleration
         error, predicted = max(f.joint_error[j] ** 2, f.angle_error[j]), rate
+        # Variances of angle (aa) and rate (rr), and their covariance.
         aa = covariance[0] + period * (2.0 * covariance[1] + period * covariance[2]) + error * shift * shift
         ar = covariance[1] + period * covariance[2] + error * shift * period
         rr = covariance[2] + error * period * period
-        off, scale = f.angles[j] - f.offset[j] - angle, 1.0 / (aa + f.variance[0])
-        angle, rate = angle + scale * aa * off, rate + scale * ar * off
+        innovation, scale = f.angles[j] - f.offset[j] - angle, 1.0 / (aa + f.variance[0])
+        angle, rate = angle + scale * aa * innovation, rate + scale * ar * innovation
         aa, ar, rr = aa - scale * aa * aa, ar - scale * aa * ar, rr - scale * ar * ar
-        off, scale = f.rates[j] - rate, 1.0 / (rr + f.variance[1])
-        f.q[7 + j], f.joint_rate[j] = angle + scale * ar * off, rate + scale * rr * off
+        innovation, scale = f.rates[j] - rate, 1.0 / (rr + f.variance[1])
+        f.q[7 + j], f.joint_rate[j] = angle + scale * ar * innovation, rate + scale * rr * innovation
         put(covariance, (aa - scale * ar * ar, ar - scale * ar * rr, rr - scale * rr * rr))
         added = (f.joint_rate[j] - predicted) / period
         f.angle_error[j] += min(1.0, period / MEMORY) * (added * added - f.angle_error[j])
@@ -221,8 +229,8 @@ def turn_root(f: Filter, angle: Vector) -> None:
 
 
 @compiled
-def spread_rows(f: Filter, period: float, force: Vector, rows: Array) -> None:
-    """How errors of place, velocity and attitude follow from the others over a period."""
+def propagate(f: Filter, period: float, force: Vector, rows: Array) -> None:
+    """Propagate rows of the covariance over a period; the force is that of :func:`predict_root`."""
     for e in range(rows.shape[1]):
         tilt = rows[6, e], rows[7, e], rows[8, e]
         turn = turned(f.turn, (rows[9, e], rows[10, e], rows[11, e]))
@@ -244,17 +252,17 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
     if f.wrenches:
         spread_wrenches(f.soles, f.link, f.points, f.force, f.contact)
     if f.spin:
-        weigh(f, period)
+        correct_by_momentum(f, period)
     for i in range(len(f.points)):
         update_contact(f, i, place_of(f.link, f.points[i]))
     for i in range(len(f.points)):
         if f.loaded[i]:
             for axis in range(3):
-                rest(f, axis, place_of(f.link, f.points[i]), i)
+                correct_by_rest(f, axis, place_of(f.link, f.points[i]), i)
     if has_fix:
         for axis in range(3):
             column = f.covariance[axis].copy()
-            take_in(f, f.position[axis] - f.x[axis], column, column[axis] + f.variance[3])
+            update_by(f, f.position[axis] - f.x[axis], column, column[axis] + f.variance[3])
     turn_root(f, turned(f.turn.T, vector(f.x[TURN:GYRO])))
     f.x[TURN:GYRO] = 0.0
     f.q[0:3] = f.x[0:3]
@@ -266,21 +274,20 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
 
 
 @compiled
-def weigh(f: Filter, period: float) -> None:
+def correct_by_momentum(f: Filter, period: float) -> None:
     """Correct by the angular momentum about the COM, which the wrenches of the feet change.
 
     Where encoders put the COM beside its place over the foot, the body turns otherwise than by the force.
     """
     s, first = f.soles, f.spin
     sum_inertia(f.tree, f.link)
-    mass, moment = f.link[0].mass, ZERO
-    com = times(1.0 / mass, vector(f.link[0].first))
+    com, moment = com_of(f.link), ZERO
     for foot in range(2):
         lever, push = minus(place_of(f.link, s.frame[foot]), com), vector(s.felt[foot, 0:3])
         moment = plus(moment, plus(cross(lever, push), vector(s.felt[foot, 3:6])))
     put(f.x[first : first + 3], plus(vector(f.x[first : first + 3]), times(period, moment)))
     for h in range(len(f.worn)):
-        turning = times(-period, moment_by(f, h, com))
+        turning = times(-period, moment_derivative(f, h, com))
         offset = POINTS + 3 * len(f.points) + h
         for axis in range(3):
             f.covariance[first + axis] += turning[axis] * f.covariance[offset]
@@ -295,7 +302,7 @@ def weigh(f: Filter, period: float) -> None:
         e = first + axis
         if known:
             column = f.covariance[e].copy()
-            take_in(f, spin[axis] - f.x[e], column, column[e] + (SPIN_ERROR * f.weight) ** 2)
+            update_by(f, spin[axis] - f.x[e], column, column[e] + (SPIN_ERROR * f.weight) ** 2)
         else:
             f.x[e] = spin[axis]
             f.covariance[e] = 0.0
@@ -304,8 +311,8 @@ def weigh(f: Filter, period: float) -> None:
 
 
 @compiled
-def moment_by(f: Filter, h: int, com: Vector) -> Vector:
-    """By how much the angle of a hinge changes the moment of the wrenches about the COM [N m/rad]."""
+def moment_derivative(f: Filter, h: int, com: Vector) -> Vector:
+    """Derivative of the moment of the wrenches about the COM by the angle of a hinge [N m/rad]."""
     s, joint, total = f.soles, f.link[1 + f.worn[h]], ZERO
     axis, place = vector(joint.axis), vector(joint.place)
     swing = minus(vector(joint.first), times(joint.mass, place))
@@ -324,31 +331,31 @@ def moment_by(f: Filter, h: int, com: Vector) -> Vector:
 
 @compiled
 def update_contact(f: Filter, i: int, arm: Vector) -> None:
-    """Whether a point rests, from now on where it is; correct by its height if it has just touched."""
+    """Update whether a point rests, and its place if that changes; correct by its height at a touch."""
     if f.contact[i] and not f.touched[i]:
-        stand(f, arm, i)
+        correct_by_touch(f, arm, i)
     f.touched[i] = f.contact[i]
     loaded = f.contact[i] and f.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.weight
     if loaded != f.loaded[i]:
         f.loaded[i] = loaded
         for axis in range(3):
             row = POINTS + 3 * i + axis
-            f.x[row] = part_of(f, axis, arm, i, f.x) + arm[axis]
+            f.x[row] = point_row(f, axis, arm, i, f.x) + arm[axis]
             f.covariance[row] = 0.0
             f.covariance[:, row] = 0.0
             f.covariance[row, row] = 1.0
 
 
 @compiled
-def coordinate(rows: Any, axis: int, arm: Vector) -> Any:
-    """What place and attitude, or rows of the covariance, add up to in a coordinate of a point at an arm."""
+def pose_row(rows: Any, axis: int, arm: Vector) -> Any:
+    """Measurement row of a coordinate of a point at an arm, by the root's pose, times x or the covariance."""
     after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
     return rows[axis] + rows[TURN + after] * arm[last] - rows[TURN + last] * arm[after]
 
 
 @compiled
-def shift(f: Filter, axis: int, arm: Vector, i: int, h: int) -> float:
-    """By how much an offset of a hinge moves a coordinate of a sole point [m/rad]."""
+def offset_lever(f: Filter, axis: int, arm: Vector, i: int, h: int) -> float:
+    """Derivative of a coordinate of a sole point by the offset of a hinge [m/rad]."""
     if not f.moves[i, h]:
         return 0.0
     joint = f.link[1 + f.worn[h]]
@@ -356,51 +363,51 @@ def shift(f: Filter, axis: int, arm: Vector, i: int, h: int) -> float:
 
 
 @compiled
-def part_of(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
-    """What x, or rows of the covariance, add up to in a coordinate of sole point i at an arm."""
-    total = coordinate(rows, axis, arm)
+def point_row(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
+    """As :func:`pose_row` for sole point i, with the offsets of the hinges."""
+    total = pose_row(rows, axis, arm)
     for h in range(len(f.worn)):
-        total = total + shift(f, axis, arm, i, h) * rows[POINTS + 3 * len(f.points) + h]
+        total = total + offset_lever(f, axis, arm, i, h) * rows[POINTS + 3 * len(f.points) + h]
     return total
 
 
 @compiled
-def stand(f: Filter, arm: Vector, i: int) -> None:
+def correct_by_touch(f: Filter, arm: Vector, i: int) -> None:
     """Correct by the height of a point that has just touched the floor."""
-    z = over_slope(f, arm, i, f.x) + arm[2] - f.slope[0] * arm[0] - f.slope[1] * arm[1]
-    off = f.levels[0] - z
+    z = height_row(f, arm, i, f.x) + arm[2] - f.slope[0] * arm[0] - f.slope[1] * arm[1]
+    innovation = f.levels[0] - z
     for level in f.levels:
-        if abs(level - z) < abs(off):
-            off = level - z
-    if abs(off) < STEP_ERROR:
-        column = over_slope(f, arm, i, f.covariance)
-        take_in(f, off, column, over_slope(f, arm, i, column) + FLOOR_ERROR**2)
+        if abs(level - z) < abs(innovation):
+            innovation = level - z
+    if abs(innovation) < STEP_ERROR:
+        column = height_row(f, arm, i, f.covariance)
+        update_by(f, innovation, column, height_row(f, arm, i, column) + FLOOR_ERROR**2)
 
 
 @compiled
-def over_slope(f: Filter, arm: Vector, i: int, rows: Any) -> Any:
-    """As :func:`part_of`, in the height over the plane of the floor."""
-    along = f.slope[0] * part_of(f, 0, arm, i, rows)
-    return part_of(f, 2, arm, i, rows) - along - f.slope[1] * part_of(f, 1, arm, i, rows)
+def height_row(f: Filter, arm: Vector, i: int, rows: Any) -> Any:
+    """As :func:`point_row`, for the height over the plane of the floor."""
+    along = f.slope[0] * point_row(f, 0, arm, i, rows)
+    return point_row(f, 2, arm, i, rows) - along - f.slope[1] * point_row(f, 1, arm, i, rows)
 
 
 @compiled
-def rest(f: Filter, axis: int, arm: Vector, i: int) -> None:
+def correct_by_rest(f: Filter, axis: int, arm: Vector, i: int) -> None:
     """Correct by one coordinate of a loaded point: ``c_i - p - R s_i`` is zero."""
     row = POINTS + 3 * i + axis
-    off = f.x[row] - part_of(f, axis, arm, i, f.x) - arm[axis]
-    column = part_of(f, axis, arm, i, f.covariance) - f.covariance[row]
-    take_in(f, off, column, part_of(f, axis, arm, i, column) - column[row] + POINT_ERROR**2)
+    innovation = f.x[row] - point_row(f, axis, arm, i, f.x) - arm[axis]
+    column = point_row(f, axis, arm, i, f.covariance) - f.covariance[row]
+    update_by(f, innovation, column, point_row(f, axis, arm, i, column) - column[row] + POINT_ERROR**2)
 
 
 @compiled
-def take_in(f: Filter, off: float, column: Array, variance: float) -> None:
-    """Correct by a number that is off, with its variance and its covariance with x."""
+def update_by(f: Filter, innovation: float, column: Array, variance: float) -> None:
+    """Kalman update by one number: its innovation, the variance of this, and its covariance with x."""
     x, covariance = f.x, f.covariance
     for e in range(len(x)):
         gain = column[e] / variance
-        if gain != 0.0:  # of points in the air it is zero
-            x[e] += gain * off
+        if gain != 0.0:  # it is zero for points in the air
+            x[e] += gain * innovation
             row = covariance[e]
             for d in range(len(row)):
                 row[d] -= gain * column[d]

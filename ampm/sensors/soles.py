@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from ampm.body.rigid_body import frames_of, place_links, place_of
 from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled, refer, zeros_of
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.parameters import RunParameters
 from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, times, turned, vector
-from ampm.walk import Flags
 
 YIELD = 3e-3
 """Height over the lowest point of its foot at which a point takes half of what it would take there [m]."""
