@@ -58,6 +58,12 @@ def clip(value: float, low: float, high: float) -> float:
 
 
 @compiled
+def along_across(x: float, y: float, cos: float, sin: float) -> tuple[float, float]:
+    """Components of (x, y) along a heading with this cosine and sine, and to its left."""
+    return cos * x + sin * y, cos * y - sin * x
+
+
+@compiled
 def turned(matrix: Array, a: Vector) -> Vector:
     """``matrix a``."""
     return (

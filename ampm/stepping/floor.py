@@ -1,7 +1,8 @@
-"""The floor as the feet find it: touches, heights and slopes, and what they say of a walk."""
+"""What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
 
 from ampm.compiled import compiled
-from ampm.control.workspace import TIP, Array, SteppingState
+from ampm.control.workspace import TIP, SteppingState
+from ampm.geometry import Array
 from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, column, dot
 
@@ -26,7 +27,7 @@ GRACE = 0.016
 
 
 @compiled
-def feel(stepper: Stepper) -> None:
+def sense_touch(stepper: Stepper) -> None:
     """Count the ticks for which every foot has stood, and note where its points touched."""
     state: SteppingState = stepper.state[0]
     points = stepper.body.points
@@ -44,10 +45,10 @@ def feel(stepper: Stepper) -> None:
 
 @compiled
 def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
-    """Height of the floor at a sole's reference point, and its slopes over the plan's [m, 1, 1].
+    """Height of the floor at a sole's reference point, and its slopes less those of the plan's [m, 1, 1].
 
-    It is the sole's own plane, :data:`SINK` higher; where a point is deeper in the floor, the plane through
-    the heights at which the points touched, by least squares.
+    The floor is the sole's own plane, :data:`SINK` higher. Where a point is deeper in it, the floor is the
+    plane through the heights at which the points touched, by least squares.
     """
     planned = stepper.state[0].planned_slope
     com, at, pose = stepper.body.com, stepper.body.feet[foot].place, stepper.body.feet[foot].pose
@@ -75,14 +76,10 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
 
 @compiled
 def step_up(stepper: Stepper, foot: int, position: Array, rotation: Array, floor: float) -> float:
-    """How much higher than planned the floor is under a foot that touches [m].
+    """Height of the floor over the planned one under a foot that touches [m].
 
-    Args:
-        stepper: the stepper.
-        foot: 0 or 1.
-        position: planned, of the sole's reference point, shape (3,) [m].
-        rotation: planned, of the sole to world, shape (3, 3).
-        floor: height of the reference point as the phase ends [m].
+    Place (3,) [m] and rotation to world (3, 3) of its sole are the planned ones, and ``floor`` is the height
+    of its reference point as the phase ends [m].
     """
     pose = stepper.body.feet[foot].pose
     if dot(column(pose, 2), column(rotation, 2)) >= AS_PLANNED:
@@ -96,11 +93,11 @@ def step_up(stepper: Stepper, foot: int, position: Array, rotation: Array, floor
 
 @compiled
 def hold_height(stepper: Stepper, height: float) -> None:
-    """Change the commanded force's factor by the integral of how far the COM is under its reference."""
+    """Integrate how far the COM is under its reference, a height [m], into the commanded force's factor."""
     state: SteppingState = stepper.state[0]
-    low = clip(height - stepper.body.com[2], -DEEP, DEEP)
-    if state.force_factor != 1.0 or abs(low) > SANK:
-        change = LIFT * stepper.omega**3 / stepper.body.gravity * low * stepper.tick
+    error = clip(height - stepper.body.com[2], -DEEP, DEEP)
+    if state.force_factor != 1.0 or abs(error) > SANK:
+        change = LIFT * stepper.omega**3 / stepper.body.gravity * error * stepper.tick
         state.force_factor = clip(state.force_factor + change, 0.9, 1.1)
 
 

@@ -17,7 +17,7 @@ from ampm.control.sole import sole_of
 from ampm.control.workspace import SteppingState
 from ampm.geometry import Array
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import clip
+from ampm.vectors import along_across, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
@@ -58,23 +58,26 @@ def ramp_share(x: float) -> float:
 
 @compiled
 def phase_position(stepper: Stepper) -> float:
-    """Where the clock is in the curves of its phase, in intervals."""
+    """Place of the clock in the curves of its phase, in intervals from the first row on."""
     state: SteppingState = stepper.state[0]
     return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
 
 
 @compiled
-def dcm_ahead(stepper: Stepper, x: float, out: Array) -> None:
-    """DCM from which the rest of its phase leads to the planned end.
+def phase_interval(stepper: Stepper) -> tuple[int, float]:
+    """Number of the interval in which the clock is, and the share of it that has passed."""
+    position = phase_position(stepper)
+    i = min(int(position), len(stepper.curves.r) - 2)
+    return i, position - i
 
-    The rest of r takes the time D, whatever it would take in the plan::
+
+@compiled
+def dcm_ahead(stepper: Stepper, x: float, out: Array) -> None:
+    """Write the DCM from which the rest of its phase leads to the planned end, shape (2,) [m].
+
+    The rest of r takes the time D, whatever it would take in the plan; ``x`` is omega D::
 
         xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
-
-    Args:
-        stepper: with the curves of the phase.
-        x: omega D [1].
-        out: shape (2,) [m].
     """
     r, end, begin = stepper.curves.r, stepper.curves.xi[-1], phase_position(stepper)
     last, decay = len(r) - 1, math.exp(-x)
@@ -180,55 +183,54 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
     shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
     rest = state.duration - state.clock
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
-    sole, ahead, best = np.empty(4), np.empty(2), np.zeros(3)
+    sole, dcm_wanted, best_step = np.empty(4), np.empty(2), np.zeros(2)
     sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
     dcm_x, dcm_y = expected_dcm(stepper, wanted)
-    ahead_from, shortest = sole[1] - sole[0] + GAP * size, SHORTEST * math.sqrt(size)
+    sole_length, shortest = sole[1] - sole[0], SHORTEST * math.sqrt(size)
     beside = stepper.foot_width
     if state.off_plan:  # a foot that is turned takes more
         to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
-        beside += 0.5 * (sole[1] - sole[0]) * abs(cos * to_sin - sin * to_cos)
-    ramp, cost, most = ramp_share(omega * state.double), math.inf, RETURN_MOST * size
-    chosen = -1
-    for k in range(-1, len(TIMES) if state.off_plan else 0):
+        beside += 0.5 * sole_length * abs(cos * to_sin - sin * to_cos)
+    ramp, most_back = ramp_share(omega * state.double), RETURN_MOST * size
+    least_cost, best_factor, best = math.inf, 1.0, -1
+    for k in range(-1, len(TIMES) if state.off_plan else 0):  # -1 returns to the plan
         factor = clip(1.0 - state.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
         if k >= 0 and (factor * state.duration < shortest or factor > LONGEST):
             continue
         x = omega * max(rest * factor, 1e-4)
         if state.off_plan:
-            dcm_ahead(stepper, x, ahead)
+            dcm_ahead(stepper, x, dcm_wanted)
         else:
-            ahead[0] = wanted.com[0] + wanted.com_velocity[0] / omega
-            ahead[1] = wanted.com[1] + wanted.com_velocity[1] / omega
-        decay = math.exp(-x)
-        zmp_x, zmp_y = mean_zmp(stepper, x)
-        zmp_x, zmp_y = zmp_x + shift[0], zmp_y + shift[1]
-        back_x = back_y = 0.0
+            dcm_wanted[0] = wanted.com[0] + wanted.com_velocity[0] / omega
+            dcm_wanted[1] = wanted.com[1] + wanted.com_velocity[1] / omega
+        back_along = back_across = 0.0
         if k < 0:
-            back_x = clip(-RETURN * (cos * shift[0] + sin * shift[1]), -most, most)
-            back_y = clip(-RETURN * (cos * shift[1] - sin * shift[0]), -most, most)
-        error_x, error_y = dcm_x - ahead[0] - shift[0], dcm_y - ahead[1] - shift[1]
-        error_x, error_y = cos * error_x + sin * error_y, cos * error_y - sin * error_x
-        error_x, error_y = error_x - ramp * decay * back_x, error_y - ramp * decay * back_y
-        along, across = cos * zmp_x + sin * zmp_y, -sin * zmp_x + cos * zmp_y
-        low, high = SOLE_SHARE * (sole[0] - along), SOLE_SHARE * (sole[1] - along)
-        forward = back_x + step_change(error_x, decay, ramp, low, high)
-        low, high = SOLE_SHARE * (sole[2] - across), SOLE_SHARE * (sole[3] - across)
-        left = step_change(error_y, decay, ramp, low, high)
-        wider = side * (OVERSHOOT * left + back_y)
+            shift_along, shift_across = along_across(shift[0], shift[1], cos, sin)
+            back_along = clip(-RETURN * shift_along, -most_back, most_back)
+            back_across = clip(-RETURN * shift_across, -most_back, most_back)
+        decay = math.exp(-x)
+        error_x, error_y = dcm_x - dcm_wanted[0] - shift[0], dcm_y - dcm_wanted[1] - shift[1]
+        error_along, error_across = along_across(error_x, error_y, cos, sin)
+        error_along -= ramp * decay * back_along
+        error_across -= ramp * decay * back_across
+        zmp_x, zmp_y = mean_zmp(stepper, x)
+        zmp_along, zmp_across = along_across(zmp_x + shift[0], zmp_y + shift[1], cos, sin)
+        low, high = SOLE_SHARE * (sole[0] - zmp_along), SOLE_SHARE * (sole[1] - zmp_along)
+        forward = back_along + step_change(error_along, decay, ramp, low, high)
+        low, high = SOLE_SHARE * (sole[2] - zmp_across), SOLE_SHARE * (sole[3] - zmp_across)
+        wider = side * (OVERSHOOT * step_change(error_across, decay, ramp, low, high) + back_across)
+        # What the legs allow of it.
         longer = clip(forward, -size * BACKWARD, size * FORWARD)
-        in_line = abs(state.length + longer) >= ahead_from
+        in_line = abs(state.length + longer) >= sole_length + GAP * size
         narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
         aside = clip(wider, min(narrowest - state.width, 0.0), size * WIDER)
-        price = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)
-        price += LIMIT_COST * (abs(forward - longer) + abs(wider - aside))
-        price += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
-        if price < cost:
-            cost = price
-            chosen = k
-            best[0], best[1], best[2] = longer, side * aside, factor
-    if cost < math.inf:
-        state.step[0] = cos * best[0] - sin * best[1]
-        state.step[1] = sin * best[0] + cos * best[1]
-        state.factor, state.choice = best[2], chosen
+        cost = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)
+        cost += LIMIT_COST * (abs(forward - longer) + abs(wider - aside))
+        cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
+        if cost < least_cost:
+            least_cost, best_factor, best = cost, factor, k
+            best_step[0], best_step[1] = longer, side * aside
+    if least_cost < math.inf:
+        state.step[0], state.step[1] = along_across(best_step[0], best_step[1], cos, -sin)
+        state.factor, state.choice = best_factor, best
     return state.step[0] != 0.0 or state.step[1] != 0.0

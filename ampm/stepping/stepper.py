@@ -1,8 +1,9 @@
-"""What the stabiliser that steps knows of its phase and body, besides its state."""
+"""Phase, body and state of the stabiliser that steps."""
 
 from typing import Any, NamedTuple
 
-from ampm.control.workspace import Array, Flags, PlacedBody
+from ampm.control.workspace import PlacedBody
+from ampm.geometry import Array, Flags
 
 
 class Curves(NamedTuple):
@@ -14,7 +15,7 @@ class Curves(NamedTuple):
 
 
 class Stepper(NamedTuple):
-    """A walk that may leave its plan."""
+    """Body and phase of a walk that may leave its plan, and its state."""
 
     state: Any  # table of one `SteppingState`
     body: PlacedBody  # placed at this tick

@@ -14,7 +14,8 @@ import numpy as np
 
 from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
-from ampm.control.workspace import Array, SteppingState, Workspace, rows_of
+from ampm.control.workspace import SteppingState, Workspace, rows_of
+from ampm.geometry import Array
 from ampm.planner.contacts import Phase
 from ampm.reference import Timing, reference_type
 from ampm.stepping.floor import SINK
@@ -22,8 +23,8 @@ from ampm.stepping.stepper import Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
 
-_TICKS = 2  # between the rows of a phase's table
-_COARSE = 25  # instants of a phase at which a walk on the plan looks ahead
+_TICKS = 2  # ticks between two rows of a phase's table
+_COARSE = 25  # instants of a phase's curves while the walk is on the plan
 CYCLE = 4
 """Phases after which a periodic walk repeats."""
 BACK = 0.005  # distance from the plan within which a walk is on it again [m]
@@ -84,11 +85,11 @@ class StepTracker:
         placements = plan.contacts.placements
         self._across, self._headings = placements[:, 0] - placements[:, 1], plan.contacts.headings
         self._goes_on = bool(np.abs(end).max() > STILL) and len(plan.contacts.phases) > CYCLE
-        self._ahead = self._look_ahead()
+        self._coarse = self._coarse_curves()
         self._tables = [self._table(phase) for phase in plan.contacts.phases]
 
     def begin(self, time: float) -> Any:
-        """Go to the phase of a tick, before it; reference to the :class:`Stepper` of this phase.
+        """Go to the phase of the tick that begins; return a reference to its :class:`Stepper`.
 
         Args:
             time: of the tick [s].
@@ -115,27 +116,30 @@ class StepTracker:
     # ------------------------------------------------------------------ parts
 
     def _source(self, index: int) -> tuple[int, Array]:
-        """Phase of the plan that is walked, and how far it is repeated after its end, shape (3,) [m]."""
+        """Phase of the plan that phase ``index`` repeats, and the way from there, shape (3,) [m].
+
+        After the plan's end its last cycle is repeated.
+        """
         contacts = self.plan.contacts
-        again = max(index - len(contacts.phases), -1) // CYCLE + 1
-        if not (again and self._goes_on):
+        cycles = max(index - len(contacts.phases), -1) // CYCLE + 1
+        if not (cycles and self._goes_on):
             return min(index, len(contacts.phases) - 1), np.zeros(3)
-        way = again * (contacts.placements[-1, 0] - contacts.placements[-1 - CYCLE, 0])
+        way = cycles * (contacts.placements[-1, 0] - contacts.placements[-1 - CYCLE, 0])
         way[2] += way[:2] @ contacts.slope
-        return max(index - CYCLE * again, 0), way
+        return max(index - CYCLE * cycles, 0), way
 
     def _phase(self, index: int) -> Phase:
         return self.plan.contacts.phases[self._source(index)[0]]
 
     def _reset(self) -> None:
-        """Begin on the plan; the floor is where it was."""
+        """Set the state to that of a walk on the plan, but keep the floor's height."""
         floor = self._state.floor
         self._workspace.stepping[:] = 0
         self._state.planned_slope[:] = self.plan.contacts.slope
         self._state.floor, self._state.rate, self._state.factor, self._state.choice = floor, 1.0, 1.0, -1
 
     def _enter(self, index: int) -> None:
-        """Begin a phase."""
+        """Set the state to the begin of a phase."""
         state, phase, following = self._state, self._phase(index), self._phase(index + 1)
         state.single = phase.kind == "single_support"
         if state.single:
@@ -150,13 +154,13 @@ class StepTracker:
         self._index = index
         if not state.off_plan:
             self._next = self._starts[index + 1]
-            self._take(self._ahead[index])
+            self._use(self._coarse[index])
             x, y, _ = self._across[index]
             heading = self._headings[index]
             state.width = abs(math.cos(heading) * y - math.sin(heading) * x)
 
-    def _look_ahead(self) -> list[Curves]:
-        """Curves of the plan's phases."""
+    def _coarse_curves(self) -> list[Curves]:
+        """Curves of all phases of the plan, on a coarse grid."""
         phases = self.plan.contacts.phases
         grids = np.concatenate([self._grid(phase, _COARSE) for phase in phases])
         sample = self.plan.sample(grids)
@@ -165,7 +169,7 @@ class StepTracker:
         return [Curves(*(curve[part.start : part.stop] for curve in curves)) for part in parts]
 
     def _grid(self, phase: Phase, count: int) -> Array:
-        """Instants of a phase, at its ends just within it, shape (count,) [s]."""
+        """Equal intervals of a phase, the ends just within it, shape (count,) [s]."""
         grid = phase.start + 1e-9 + (phase.duration - 2e-9) * np.linspace(0.0, 1.0, count)
         return np.asarray(np.minimum(grid, self.plan.duration))
 
@@ -179,8 +183,8 @@ class StepTracker:
         curves = r, com[:, :2] + velocity[:, :2] / self._stepper.omega, r + arm
         return Curves(*(np.ascontiguousarray(curve) for curve in curves))
 
-    def _take(self, curves: Curves, table: Any = None) -> None:
-        """Give curves, and off the plan the table, to the compiled functions."""
+    def _use(self, curves: Curves, table: Any = None) -> None:
+        """Give curves, and off the plan a table, to the compiled functions."""
         self._stepper = self._stepper._replace(curves=curves, table=table or self._stepper.table)
         self._handle = refer(self._stepper)
 
@@ -190,25 +194,25 @@ class StepTracker:
         return self.plan.table(self._grid(phase, count), self._timing).row
 
     def _load(self) -> None:
-        """Tables of the present phase."""
+        """Give table and curves of the present phase to the compiled functions."""
         source, offset = self._source(self._index)
         table = rows_of(self._tables[source].copy())
         table.com[:] += offset
         table.foot_position[:] += offset
-        self._take(self._curves(table.com, table.com_velocity, table.com_acceleration, table.moment), table)
+        self._use(self._curves(table.com, table.com_velocity, table.com_acceleration, table.moment), table)
         self._loaded = self._index
 
     def _leave(self) -> None:
-        """Leave the plan: the shift of a foot that stands is measured if it matters."""
+        """Leave the plan; the shift of a foot that stands is measured, small ones count as zero."""
         state, body = self._state, self._workspace.body
         state.leaves, state.off_plan = False, True
         for foot in range(2):
             if state.touches[foot] > 1 and not (state.single and foot != state.stance):
-                off = body.com + body.feet["place"][foot] - self._workspace.wanted.foot_position[foot]
-                off[2] += SINK
-                off[:2] *= np.hypot(off[0], off[1]) > 0.01
-                off[2] *= abs(off[2]) > OFF_HEIGHT
-                state.shift[foot] = off
+                shift = body.com + body.feet["place"][foot] - self._workspace.wanted.foot_position[foot]
+                shift[2] += SINK
+                shift[:2] *= np.hypot(shift[0], shift[1]) > 0.01
+                shift[2] *= abs(shift[2]) > OFF_HEIGHT
+                state.shift[foot] = shift
         state.swing[0] = state.shift[1 - state.stance]
 
     def _is_back(self) -> bool:

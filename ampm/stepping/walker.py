@@ -6,19 +6,20 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Array, SteppingState
-from ampm.stepping.floor import feel, floor_under, hold_height, is_early, is_late, stands_flat, step_up
+from ampm.control.workspace import SteppingState
+from ampm.geometry import Array
+from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
 from ampm.stepping.step_choice import (
     dcm_ahead,
     expected_dcm,
     heading_of,
-    phase_position,
+    phase_interval,
     plan_step,
     quintic_tick,
     ramp_share,
 )
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import clip, cross, minus, plus, put, times, vector
+from ampm.vectors import along_across, clip, cross, minus, plus, put, times, vector
 
 DISTURBED = 0.006
 """The sole is shared where the DCM is farther than this from its plan, twice as far as undisturbed [m]."""
@@ -48,19 +49,14 @@ FEEL_TIME = 0.03
 
 @compiled
 def follow(stepper: Stepper, wanted: Any) -> None:
-    """Take notice of a tick's plan: on the plan, whether to leave it; off the plan, replace it.
-
-    Args:
-        stepper: the stepper.
-        wanted: the plan's reference of this tick; off the plan it is replaced.
-    """
+    """Decide on the plan whether to leave it; off the plan, replace the plan's reference of this tick."""
     state: SteppingState = stepper.state[0]
-    feel(stepper)
-    off = minus(vector(stepper.body.com), vector(wanted.com))
-    state.away = max(abs(off[0]), abs(off[1]), abs(off[2]))
-    slower = minus(vector(stepper.rates), vector(wanted.com_velocity))
-    dcm = plus(off, times(1.0 / stepper.omega, slower))
-    state.active = state.off_plan or math.hypot(dcm[0], dcm[1]) > DISTURBED * stepper.size
+    sense_touch(stepper)
+    error = minus(vector(stepper.body.com), vector(wanted.com))
+    state.away = max(abs(error[0]), abs(error[1]), abs(error[2]))
+    rate_error = minus(vector(stepper.rates), vector(wanted.com_velocity))
+    dcm_error = plus(error, times(1.0 / stepper.omega, rate_error))
+    state.active = state.off_plan or math.hypot(dcm_error[0], dcm_error[1]) > DISTURBED * stepper.size
     if state.off_plan:
         advance(stepper, wanted)
     else:
@@ -72,7 +68,7 @@ def follow(stepper: Stepper, wanted: Any) -> None:
 
 @compiled
 def must_leave(stepper: Stepper, wanted: Any) -> bool:
-    """Whether a walk on the plan has to leave it: a touch out of time, a floor elsewhere, a step in need."""
+    """Whether a walk on the plan must leave it: a foot lands early or late, the floor or a step differs."""
     state: SteppingState = stepper.state[0]
     if is_late(state) or is_early(state):
         return True
@@ -81,11 +77,11 @@ def must_leave(stepper: Stepper, wanted: Any) -> bool:
     planned = wanted.foot_position[state.stance]
     if stands_flat(stepper):
         com, place = stepper.body.com, stepper.body.feet[state.stance].place
-        floor = floor_under(stepper, state.stance)
+        height, slope_x, slope_y = floor_under(stepper, state.stance)
         x, y = com[0] + place[0] - planned[0], com[1] + place[1] - planned[1]
-        if math.hypot(x, y) > OFF_PLACE * stepper.size or abs(floor[0] - planned[2]) > OFF_HEIGHT:
+        if math.hypot(x, y) > OFF_PLACE * stepper.size or abs(height - planned[2]) > OFF_HEIGHT:
             return True
-        if math.hypot(floor[1], floor[2]) > OFF_TILT:
+        if math.hypot(slope_x, slope_y) > OFF_TILT:
             return True
     return state.duration - state.clock >= FREEZE and plan_step(stepper, wanted)
 
@@ -109,12 +105,11 @@ def pass_time(states: Any, tick: float) -> bool:
 
 
 @compiled
-def read_table(stepper: Stepper, position: float, wanted: Any) -> None:
-    """The planned reference at a position of the phase's table, in intervals."""
+def read_table(stepper: Stepper, wanted: Any) -> None:
+    """Read the planned reference from the phase's table, by the clock."""
     state: SteppingState = stepper.state[0]
-    table, last = stepper.table, len(stepper.curves.r) - 1
-    i = min(int(position), last - 1)
-    part = position - i
+    table, intervals = stepper.table, len(stepper.curves.r) - 1
+    i, part = phase_interval(stepper)
     before, after = table.smooth[i], table.smooth[i + 1]
     for k in range(len(wanted.smooth)):
         wanted.smooth[k] = (1.0 - part) * before[k] + part * after[k]
@@ -124,22 +119,23 @@ def read_table(stepper: Stepper, position: float, wanted: Any) -> None:
         for line in range(3):
             left = table.until_lift[i, foot, line]
             if left < math.inf:
-                left = max(left - part * (state.duration / last), 0.0) / max(state.rate, 0.1)
+                left = max(left - part * (state.duration / intervals), 0.0) / max(state.rate, 0.1)
             wanted.until_lift[foot, line] = left
 
 
 @compiled
 def advance(stepper: Stepper, wanted: Any) -> None:
-    """The reference of one tick of a walk that has left the plan; arguments as in :func:`follow`."""
+    """Replace the plan's reference of one tick, off the plan."""
     state: SteppingState = stepper.state[0]
-    read_table(stepper, phase_position(stepper), wanted)
+    read_table(stepper, wanted)
     wanted.tilt_window[0] = 0.0
     if stands_flat(stepper):
-        under, gain = floor_under(stepper, state.stance), min(stepper.tick / FEEL_TIME, 1.0)
-        state.slope[0] += gain * (under[1] - state.slope[0])
-        state.slope[1] += gain * (under[2] - state.slope[1])
-    steep_x, steep_y = state.slope[0], state.slope[1]
-    slope = steep_x - clip(steep_x, -LEVEL, LEVEL), steep_y - clip(steep_y, -LEVEL, LEVEL)
+        _, slope_x, slope_y = floor_under(stepper, state.stance)
+        gain = min(stepper.tick / FEEL_TIME, 1.0)
+        state.slope[0] += gain * (slope_x - state.slope[0])
+        state.slope[1] += gain * (slope_y - state.slope[1])
+    slope_x, slope_y = state.slope[0], state.slope[1]
+    slope = slope_x - clip(slope_x, -LEVEL, LEVEL), slope_y - clip(slope_y, -LEVEL, LEVEL)
     state.heading[0], state.heading[1] = heading_of(wanted.foot_rotation[state.stance])
     dcm = np.empty(2)
     if state.single:
@@ -148,7 +144,7 @@ def advance(stepper: Stepper, wanted: Any) -> None:
     else:
         moved = clip(state.clock / state.duration, 0.0, 1.0)
         _transfer(stepper, moved, wanted, dcm)
-    state.floor = _centre(stepper, moved, slope, dcm, wanted)
+    state.floor = _com(stepper, moved, slope, dcm, wanted)
     _feet(state, slope, wanted)
     rate = 0.0 if state.waited > 0.0 else state.rate
     for j in range(len(wanted.v)):
@@ -158,7 +154,7 @@ def advance(stepper: Stepper, wanted: Any) -> None:
 
 @compiled
 def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array) -> None:
-    """Single support: the next step, the swing foot on its way to it, and the DCM's reference."""
+    """Single support: choose the next step, move the swing foot towards it, write the DCM's reference."""
     state: SteppingState = stepper.state[0]
     cos, sin = state.heading[0], state.heading[1]
     shift, rest = state.shift[state.stance], state.duration - state.clock
@@ -166,7 +162,8 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
     reach_x = landing[1 - state.stance, 0] - landing[state.stance, 0]
     reach_y = landing[1 - state.stance, 1] - landing[state.stance, 1]
     if rest * state.factor > FREEZE:
-        state.length, state.width = cos * reach_x + sin * reach_y, abs(-sin * reach_x + cos * reach_y)
+        state.length, across = along_across(reach_x, reach_y, cos, sin)
+        state.width = abs(across)
         plan_step(stepper, wanted)
     duration = max(rest * state.factor, 1e-4)
     x = stepper.omega * duration
@@ -185,7 +182,7 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
 
 @compiled
 def _transfer(stepper: Stepper, moved: float, wanted: Any, dcm: Array) -> None:
-    """Double support: the shift of the foot that has landed, the DCM's reference, and the clock's rate."""
+    """Double support: measure the shift of the landed foot, write the DCM's reference, adapt the duration."""
     state: SteppingState = stepper.state[0]
     body, landed = stepper.body, 1 - state.stance
     old, new = state.shift[state.stance], state.shift[landed]
@@ -201,24 +198,25 @@ def _transfer(stepper: Stepper, moved: float, wanted: Any, dcm: Array) -> None:
         here = old[axis] + moved * (new[axis] - old[axis])
         dcm[axis] += here + (new[axis] - here) * (1.0 - ramp_share(x))
     dcm_x, dcm_y = expected_dcm(stepper, wanted)
-    ahead = state.heading[0] * (dcm_x - dcm[0]) + state.heading[1] * (dcm_y - dcm[1])
+    ahead, _ = along_across(dcm_x - dcm[0], dcm_y - dcm[1], state.heading[0], state.heading[1])
     state.factor = 1.0 / (1.0 + clip((ahead / stepper.size - HASTE_FROM) / HASTE, 0.0, 1.0))
 
 
 @compiled
-def _centre(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array, wanted: Any) -> float:
-    """COM: horizontally by the DCM, vertically over the floor; height of the floor [m]."""
+def _com(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array, wanted: Any) -> float:
+    """Replace the COM's reference: horizontally by the DCM, vertically over the floor.
+
+    ``moved`` is the share of the way from one foot's shift to the other's. Returns the floor's height [m].
+    """
     state: SteppingState = stepper.state[0]
     curves, com, omega = stepper.curves, stepper.body.com, stepper.omega
-    position = phase_position(stepper)
-    i = min(int(position), len(curves.r) - 2)
-    part = position - i
+    i, part = phase_interval(stepper)
     old, new = state.shift[state.stance], state.shift[1 - state.stance]
     for axis in range(2):
-        base = old[axis] + moved * (new[axis] - old[axis])
-        r = (1.0 - part) * curves.r[i, axis] + part * curves.r[i + 1, axis] + base
-        off = com[axis] - wanted.com[axis] - base
-        wanted.com[axis] += base + off - clip(off, -CLOSE * stepper.size, CLOSE * stepper.size)
+        shift = old[axis] + moved * (new[axis] - old[axis])
+        r = (1.0 - part) * curves.r[i, axis] + part * curves.r[i + 1, axis] + shift
+        error = com[axis] - wanted.com[axis] - shift
+        wanted.com[axis] += shift + error - clip(error, -CLOSE * stepper.size, CLOSE * stepper.size)
         wanted.com_velocity[axis] = omega * (dcm[axis] - wanted.com[axis])
         wanted.com_acceleration[axis] = omega * omega * (wanted.com[axis] - r)
         wanted.moment[axis] *= state.rate
@@ -239,7 +237,7 @@ def _centre(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Arr
 
 @compiled
 def _feet(state: SteppingState, slope: tuple[float, float], wanted: Any) -> None:
-    """Both feet: their shifts, the clock's rate, the floor's tilt."""
+    """Replace the reference of both feet: their shifts, the clock's rate, the floor's tilt."""
     swing, waits = 1 - state.stance, state.waited > 0.0
     rate, turn = 0.0 if waits else state.rate, (slope[1], -slope[0], 0.0)
     for foot in range(2):
