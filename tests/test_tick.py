@@ -15,7 +15,7 @@ from numba.core import config
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import refer
 from ampm.control.controller import TrackingController
-from ampm.control.tick import after, before, keep
+from ampm.control.tick import finish_tick, keep_tick, prepare_qp
 from ampm.control.workspace import ANGULAR, Workspace, gains_of
 from ampm.parameters import BodyParameters, RunParameters
 from validation.trial.plan import make_body
@@ -133,9 +133,9 @@ def ticks(source, count=TICKS):
         first, still = k == 0, k % 9 == 0
         velocity_lag, load_age = 0.0005 * (k % 2), 0.001
         old = copied(c)
-        assert before(handle, None, velocity_lag, load_age, first)
-        if not after(handle, still, first):
-            keep(handle, still, first)
+        assert prepare_qp(handle, None, velocity_lag, load_age, first)
+        if not finish_tick(handle, still, first):
+            keep_tick(handle, still, first)
         done.append(Tick(robot, old, copied(c), velocity_lag))
     return done
 

@@ -1,4 +1,4 @@
-"""Which sole points may carry force: planned, and sensed since; opened and closed over a short time.
+"""Which sole points may carry force: those planned and sensed in contact, opened and closed gradually.
 
 On the plan's clock alone the controller would load points that are still tenths of a millimetre above the
 floor, and the ZMP would jump by centimetres. A line (the heel, ball or tip points) opens when one of its
@@ -29,15 +29,15 @@ def update_gate(
     Args:
         wanted: which lines are planned in contact, due, and until when.
         gains: ``contact_ramp``, the time in which a line opens, and closes before its lift-off [s].
-        first: a run starts standing on the planned points.
-        close_lifted_tips: tips off the floor carry no force, or that of a toe that a torque has lifted would
-            keep it there.
+        first: whether a run starts, standing on the planned points.
+        close_lifted_tips: whether tips off the floor carry no force: it would hold up a toe that a torque has
+            lifted.
         missed: load below which a touch may be missed, as share of the weight; a planned line opens so far.
-        points: that touch.
-        lines: of the last tick.
+        points: which of them touch.
+        lines: as the last tick left them.
 
     Returns:
-        Whether any line touches or has opened that has not fully opened.
+        Whether a line that is not fully open touches or has begun to open.
     """
     ramp, planned, due, until = gains.contact_ramp, wanted.planned, wanted.due, wanted.until_lift
     rate = 1.0 / (gains.frequency * ramp)
@@ -56,12 +56,11 @@ def update_gate(
         for group in range(3):
             line = lines[foot, group]
             until_lift = until[foot, group]
-            held = line.due and (line.touched or line.touching)
-            if group == TIP:  # a loaded tip would keep the ball off the floor
-                held = held and lines[foot, BALL].touched
-            line.touched = held
-            most = 1.0 if held else missed if line.planned and group != TIP else 0.0
-            line.opening = min(line.opening + rate, most)
+            line.touched = line.due and (line.touched or line.touching)
+            if group == TIP and not lines[foot, BALL].touched:
+                line.touched = False  # a loaded tip would keep the ball off the floor
+            largest = 1.0 if line.touched else missed if line.planned and group != TIP else 0.0
+            line.opening = min(line.opening + rate, largest)
             line.limit = min(line.opening, until_lift / ramp)
             line.off = 0 if line.touching else line.off + 1
             if close_lifted_tips and group == TIP and line.off > OFF and until_lift > ramp:
@@ -88,15 +87,14 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     once, or it would bounce.
 
     With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
-    beyond the QP's, with k the gain. The net wrench of the QP's forces and of these
-    is the commanded one.
+    beyond the QP's, with k the gain. The QP's forces and these together give the commanded net wrench.
 
     Args:
         gains: of the controller.
-        points: open to a share.
+        points: with their openings; their force limits are raised.
         weight: of the body [N].
         contact: forces of the last tick; the expected forces are taken from its wanted momentum.
-        since: time between the last tick and the sensed forces, in ticks [1].
+        since: time from the last tick to the sensed forces, in ticks [1].
         gain: ``landing_compensation``, or 0 where the sensed forces are too old [1].
     """
     forces, change, momentum = contact.forces, contact.change, contact.momentum
@@ -106,9 +104,9 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
         if 0.0 < point.opening < 1.0:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
-            asked = forces[unknown] + since * change[unknown]
-            missing = gain * (point.sensed / weight - asked)
-            for e in range(6):
-                momentum[e] -= contact.wrench_map[e, unknown] * missing
+            commanded = forces[unknown] + since * change[unknown]
+            expected = gain * (point.sensed / weight - commanded)
+            for k in range(6):
+                momentum[k] -= contact.wrench_map[k, unknown] * expected
         point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

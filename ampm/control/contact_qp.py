@@ -65,15 +65,15 @@ def add_gram(factors: Array, system: Array) -> None:
     count = len(system)
     for j in range(len(factors)):
         for e in range(count):
-            s = factors[j, e]
-            if s != 0.0:
+            factor = factors[j, e]
+            if factor != 0.0:
                 for d in range(count):
-                    system[e, d] += s * factors[j, d]
+                    system[e, d] += factor * factors[j, d]
 
 
 @compiled
 def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
-    """Solve ``(B W^-1 B' + softness) y = r`` for unit net wrenches and for the rows themselves.
+    """Solve ``(B W^-1 B' + softness) y = r`` for six unit net wrenches, and for the wanted accelerations.
 
     Args:
         tasks: scaled rows, softness and right-hand side. The last seven columns of ``system`` become y. The
@@ -103,17 +103,17 @@ def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
 def fill_qp(
     points: Any, contact: Contact, system: Array, right_load: float, gains: Any, problem: QPProblem
 ) -> None:
-    """Fill in what changes from tick to tick.
+    """Fill in what changes in the QP from tick to tick.
 
     Args:
-        points: their limits and shares.
-        contact: wrench map and wanted momentum rate plus weight, [m g] and ANGULAR [m g m].
-        system: of :func:`eliminate_tasks`; it has the posture's cost over the vertical moment.
+        points: with their force limits and shares.
+        contact: wrench map, and wanted momentum rate plus weight ([m g] and ANGULAR [m g m]).
+        system: of :func:`eliminate_tasks`, which gives the posture's cost over the vertical moment.
         right_load: planned share of the right foot [1].
         gains: of the controller.
         problem: written.
     """
-    friction, keeping = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
+    friction, smoothing = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
     P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
     per_foot, rows = len(points) // 2, len(system)
     unknowns, first = per_foot + 3, len(lower) - len(points)
@@ -128,7 +128,7 @@ def fill_qp(
             q[i] = YAW_COST * yaw_gradient * yaw[i]
         for i in range(per_foot):
             point, unknown = points[per_foot * foot + i], unknowns * foot + i
-            q[unknown] = load * point.load_gradient - keeping * contact.forces[unknown]
+            q[unknown] = load * point.load_gradient - smoothing * contact.forces[unknown]
             if foot:
                 q[unknown] -= LOAD_COST * load
             for row in (10 + 6 * foot, 11 + 6 * foot):
@@ -146,7 +146,7 @@ class ContactQP:
     Args:
         settings: of the solver.
         gains: of the controller.
-        lines: of every point, by foot, shape (F, k).
+        lines: line of every point, by foot, shape (F, k).
     """
 
     def __init__(self, settings: QPSettings, gains: Any, lines: NDArray[np.int64]) -> None:
@@ -157,8 +157,8 @@ class ContactQP:
         by_foot = np.arange(self.forces).reshape(feet, unknowns)
         self.normals, self._tangents = by_foot[:, :per_foot].ravel(), by_foot[:, per_foot:].ravel()
         base = np.ones(size)
-        keeping = change_cost(gains.force_smoothing, gains.frequency)
-        base[self.normals] = keeping + np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
+        smoothing = change_cost(gains.force_smoothing, gains.frequency)
+        base[self.normals] = smoothing + np.where(lines.ravel() == TIP, TIP_COST, NORMAL_COST)
         base[self._tangents] = TANGENT_COST
         P, A = np.diag(base), np.zeros((rows, size))
         self.problem = QPProblem(P, np.zeros(size), A, np.full(rows, -np.inf), np.zeros(rows))

@@ -17,7 +17,7 @@ from ampm.compiled import bound, refer
 from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
 from ampm.control.limited_qp import LimitedQP, acceleration_bounds
-from ampm.control.tick import after, before, keep, torques
+from ampm.control.tick import finish_tick, keep_tick, prepare_qp, update_torques
 from ampm.control.workspace import make_workspace
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
@@ -26,7 +26,7 @@ from ampm.reference import reference_type
 from ampm.stepping.tracker import SteppedTick, StepTracker
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
 
-_END_SOFTNESS = 1e-2  # of the task of a toe that is at the end of its range
+_END_SOFTNESS = 1e-2  # softness of the task of a toe at the end of its range
 
 
 class TrackingController:
@@ -61,32 +61,32 @@ class TrackingController:
         self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
         self._tracker: StepTracker | None = None
-        self._reference = refer(work)
-        self._before: Any = None
-        self._after = bound(after, (self._reference,), True, True)
-        self._torques = bound(torques, (self._reference,))
-        self._keep = bound(keep, (self._reference,), True, True)
+        self._handle = refer(work)
+        self._prepare: Any = None
+        self._finish = bound(finish_tick, (self._handle,), True, True)
+        self._torques = bound(update_torques, (self._handle,))
+        self._keep = bound(keep_tick, (self._handle,), True, True)
 
     @property
     def acceleration(self) -> Array | None:
-        """Commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first."""
+        """Accelerations commanded by the last tick, shape (nv,) [m/s^2, rad/s^2]; None before the first."""
         return None if self._first else self.workspace.motion.last_acceleration
 
     @property
     def stepped(self) -> SteppedTick | None:
-        """State of the stabiliser that steps before the last tick; None on the plan, and without it."""
+        """State of the stepping stabiliser before the last tick; None on the plan, and without it."""
         return None if self._tracker is None else self._tracker.stepped
 
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
-        """Prepare for the references of a plan; a stabiliser that steps needs the plan.
+        """Take a plan that holds from the next tick on; only the stepping stabiliser needs it.
 
         Args:
-            plan: of the walk, or a new one from the next tick on.
-            timing: with which its references are made.
+            plan: the first one of the walk, or a new one.
+            timing: look-ahead of its references.
         """
         if self._steps:
             self._tracker = StepTracker(plan, timing, self.robot, self.workspace)
-            self._before = None  # is compiled with it
+            self._prepare = None  # bound anew at the next tick, to a stepper
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One control tick.
@@ -111,15 +111,15 @@ class TrackingController:
         sensed.threshold[0] = touch.threshold
         if first:
             work.motion.last_acceleration[:] = work.wanted.acceleration
-        if self._before is None:
-            self._before = bound(before, (self._reference,), stepper, 0.0, 0.0, True)
-        if self._before(stepper, state.velocity_lag, touch.age, first):
+        if self._prepare is None:
+            self._prepare = bound(prepare_qp, (self._handle,), stepper, 0.0, 0.0, True)
+        if self._prepare(stepper, state.velocity_lag, touch.age, first):
             solution, status = self.contact_qp.solve(), SOLVED
             if solution.solved:
                 work.contact.solution[:] = solution.x[: self.contact_qp.forces]
             else:
                 work.contact.solution[:], status = self._last_iterate(solution), UNSOLVED
-            if not self._after(work.wanted.jumps[0], first):
+            if not self._finish(work.wanted.jumps[0], first):
                 solution, status = self._solve_limited(solution, status)
         else:
             solution, status = self._repeat_command(), UNSOLVED
@@ -151,7 +151,7 @@ class TrackingController:
         return without_closed(work.body.points, work.contact.forces)
 
     def _repeat_command(self) -> QPSolution:
-        """Command of a tick without a QP: torques of the accelerations and forces of the last tick."""
+        """Write the command of a tick without a QP, from accelerations and forces of the last tick."""
         work = self.workspace
         share_forces(work.body.points, work.contact.forces, False)
         work.motion.acceleration[:] = work.motion.last_acceleration
@@ -163,14 +163,14 @@ class TrackingController:
         return QPSolution(work.contact.solution, QPStatus.UNSOLVED, math.inf, 0, 0.0)
 
     def _solve_limited(self, solution: QPSolution, status: int) -> tuple[QPSolution, int]:
-        """The whole problem again, with the limits of torque and joint range as constraints.
+        """Solve the whole problem again, with the limits of torque and joint range as constraints.
 
         Args:
-            solution: of the QP without these limits; its torques stay where there is no other.
-            status: of the tick so far.
+            solution: of the QP without these limits; its torques stay if there is no other solution.
+            status: status of the tick so far.
 
         Returns:
-            Answer, with the summed cost of both solves; status of the tick.
+            Solution, with iterations and time of both solves added; status of the tick.
         """
         work, robot, forces = self.workspace, self.robot, self.contact_qp.forces
         torque_map, bias = self._torque_map()
@@ -198,19 +198,15 @@ class TrackingController:
     def _torque_map(self) -> tuple[Array, Array]:
         """Torques as ``map @ (acceleration / g, forces) + bias``, shapes (nu, nv + U) and (nu,) [N m]."""
         work, nv, gravity = self.workspace, self.robot.nv, self.robot.gravity
-        written = (
-            work.motion.acceleration,
-            work.contact.solution,
-            work.contact.point_force,
-            work.joints.torque,
-        )
+        motion, contact, torque = work.motion, work.contact, work.joints.torque
+        written = motion.acceleration, contact.solution, contact.point_force, torque
         kept = [array.copy() for array in written]
         units = np.eye(nv + self.contact_qp.forces + 1)  # with the last one, all unknowns are zero
         columns = np.empty((len(units), self.robot.nu))
         for unit, column in zip(units, columns, strict=True):
-            work.motion.acceleration[:], work.contact.solution[:] = gravity * unit[:nv], unit[nv:-1]
+            motion.acceleration[:], contact.solution[:] = gravity * unit[:nv], unit[nv:-1]
             self._torques()
-            column[:] = work.joints.torque
+            column[:] = torque
         for array, values in zip(written, kept, strict=True):
             array[:] = values
         return (columns[:-1] - columns[-1]).T, columns[-1]

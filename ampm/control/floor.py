@@ -12,9 +12,9 @@ from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
 from ampm.geometry import Array
 
 LEVEL = 0.008
-"""Height over the plan's floor that is not followed [m]: soles sink into a floor by some millimetres."""
+"""Largest height over the plan's floor that is not followed [m]: soles sink in by some millimetres."""
 FLAT = 0.012
-"""Mean slope that is not followed [1]."""
+"""Largest mean slope that is not followed [1]."""
 AVERAGE = 5.0
 """Rate of the mean of the slope [1/s]: on a soft floor a sole tilts to and fro with its load."""
 UPRIGHT = 0.995
@@ -29,22 +29,22 @@ HURRY, FASTEST = 5.0, 0.3
 
 @compiled
 def follow_floor(work: Workspace) -> None:
-    """Raise feet and COM of the reference by the height of the floor over the plan's."""
+    """Raise feet and COM of the reference by the height of the floor over the plan's floor."""
     feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
     right = wanted.right_load[0]
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
         if _stands(lines[i]):
             height = work.body.com[2] - wanted.foot_position[i, 2]
-            _feel(foot, lines[i], wanted.foot_rotation[i], height, tick)
+            _measure_floor(foot, lines[i], wanted.foot_rotation[i], height, tick)
         elif _stands(lines[1 - i]):
             x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
             foot.floor = other.floor + _beyond(other.slope[0], FLAT) * x + _beyond(other.slope[1], FLAT) * y
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
         foot.late = foot.late + tick if planned and not _stands(lines[i]) else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
-        change = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
-        foot.raised_rate += tick * change
+        acceleration = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
+        foot.raised_rate += tick * acceleration
         foot.raised += tick * foot.raised_rate
         load = right if i == 1 else 1.0 - right
         wanted.foot_position[i, 2] += foot.raised
@@ -60,8 +60,11 @@ def _stands(lines: Any) -> bool:
 
 
 @compiled
-def _feel(foot: Foot, lines: Any, planned: Array, height: float, tick: float) -> None:
-    """Height and slope of the floor over the plan's, under a foot that stands flat; the foot keeps both."""
+def _measure_floor(foot: Foot, lines: Any, planned: Array, height: float, tick: float) -> None:
+    """Update height and slope of the floor over the plan's from a foot, if it stands flat.
+
+    Planned are its rotation to world, and the height of the measured COM over its place [m].
+    """
     heel, ball = lines[HEEL], lines[BALL]
     loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
     level = heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT

@@ -2,7 +2,8 @@
 
 Units: forces in m g, moments in m g m times :data:`ANGULAR`, so that a metre of lever is as large as a third
 of a weight. Per foot: the normal forces of its points, two tangential forces and a twist about the vertical.
-Tangential forces are distributed over the points by their openings.
+So the normal force of point i, of foot f, is unknown ``3 f + i``. Tangential forces are distributed over the
+points by their openings.
 """
 
 import math
@@ -25,12 +26,12 @@ LARGEST_NORMAL = 1.2
 LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
 
-_LEAST_OPENING = 1e-3  # a foot with all points closed has shares, too
+_LEAST_OPENING = 1e-3  # in the shares, so that a foot with all points closed has some
 
 
 @compiled
 def change_cost(smoothing: float, frequency: float) -> float:
-    """Cost of a change of a normal force in a tick: a floor deforms in time, and forces follow it."""
+    """Cost of changing a normal force from one tick to the next: forces follow a floor as it deforms."""
     return NORMAL_COST * smoothing * frequency
 
 
@@ -46,10 +47,10 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
     """
     per_foot = len(points) // 2
     for foot in range(2):
-        soles = points[per_foot * foot : per_foot * (foot + 1)]
+        sole = points[per_foot * foot : per_foot * (foot + 1)]
         loads = total = 0.0
         for i in range(per_foot):
-            point = soles[i]
+            point = sole[i]
             point.share = max(point.limit, _LEAST_OPENING)
             total += point.share
             loads += point.share if point.line != TIP else 0.0
@@ -58,11 +59,11 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
         if by_load:
             total = 0.0
             for i in range(per_foot):
-                soles[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
-                total += soles[i].share
+                sole[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
+                total += sole[i].share
         x = y = 0.0
         for i in range(per_foot):
-            point = soles[i]
+            point = sole[i]
             point.load_gradient = (
                 -NORMAL_COST * max(point.limit, _LEAST_OPENING) / loads if point.line != TIP else 0.0
             )
@@ -71,14 +72,14 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
             y += point.share * point.arm[1]
         turning = 0.0
         for i in range(per_foot):
-            point = soles[i]
+            point = sole[i]
             dx, dy = point.arm[0] - x, point.arm[1] - y
             point.lever = math.hypot(dx, dy)
             point.twist[0], point.twist[1] = -point.share * dy, point.share * dx
             turning += point.twist[1] * dx - point.twist[0] * dy
         for i in range(per_foot):
-            soles[i].twist[0] *= TWIST_ARM / turning
-            soles[i].twist[1] *= TWIST_ARM / turning
+            sole[i].twist[0] *= TWIST_ARM / turning
+            sole[i].twist[1] *= TWIST_ARM / turning
 
 
 @compiled

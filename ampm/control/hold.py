@@ -25,20 +25,21 @@ def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
     Args:
         joints: torques of this tick and of the last one, and limits; the rate is written.
         gains: ``frequency`` [1/s].
-        lines: of this tick; they keep what of the contact determines the slope of the torque.
-        still: this is the first tick, or the plan jumps in this tick or has jumped in the last one.
+        lines: of this tick; they keep what shows a change of contact at the next one.
+        still: whether this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """
-    same = True
+    same_contact = True
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
             opening = line.touching and 0.0 < line.opening < 1.0
-            same = same and line.planned == line.was_planned and opening == line.was_opening
+            if line.planned != line.was_planned or opening != line.was_opening:
+                same_contact = False
             line.was_planned, line.was_opening = line.planned, opening
     torque, last, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
     for j in range(len(torque)):
         largest = LARGEST * limit[j]
         if still:
             rate[j] = 0.0
-        elif same:
+        elif same_contact:
             rate[j] = clip(torque[j] - last[j], -largest, largest) * gains.frequency

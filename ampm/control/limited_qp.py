@@ -61,13 +61,13 @@ class LimitedQP:
         self._solver = QPSolver(self.problem, P_mask, A_mask, settings)
 
     def solve(
-        self, work: Workspace, soft: Array, torque_map: Array, bias: Array, bounds: tuple[Array, Array]
+        self, work: Workspace, softness: Array, torque_map: Array, bias: Array, bounds: tuple[Array, Array]
     ) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
-            work: of a tick whose contact QP is stated.
-            soft: of the task rows, shape (R,).
+            work: of a tick whose contact QP is filled in.
+            softness: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
             bounds: least and largest accelerations of the joints, see :func:`acceleration_bounds`.
@@ -84,7 +84,7 @@ class LimitedQP:
         A[self._momentum, self._forces] = -work.contact.wrench_map
         A[self._force_rows, self._force_unknowns] = forces.A
         A[self._tasks, self._accelerations] = rows[6:] * work.motion.root_weight
-        np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(soft[6:]))
+        np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
         A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
         lower[self._momentum] = upper[self._momentum] = work.tasks.rhs[:6]
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
@@ -102,14 +102,7 @@ def braking_rate(room: float) -> float:
 
 @compiled
 def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> bool:
-    """Whether an answer breaks a torque limit, or makes a joint too fast to brake before its range ends.
-
-    Args:
-        q: Pinocchio configuration, shape (nq,).
-        v: velocity, shape (nv,).
-        acceleration: shape (nv,) [rad/s^2].
-        joints: torques, their limits and the joints' ranges.
-    """
+    """Whether a tick breaks a torque limit, or makes a joint too fast to brake before its range ends."""
     torque, limit, lower, upper = joints.torque, joints.torque_limit, joints.lower, joints.upper
     for j in range(len(torque)):
         rate = v[6 + j] + _BRAKE_TIME * acceleration[6 + j]
@@ -123,13 +116,7 @@ def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> boo
 
 
 def acceleration_bounds(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
-    """Accelerations that keep every joint able to brake before its limits, shape (nu,) each [g].
-
-    Args:
-        robot: its joint ranges.
-        q: Pinocchio configuration, shape (nq,).
-        v: velocity, shape (nv,).
-    """
+    """Least and largest accelerations with which all joints can brake within their ranges, (nu,) each [g]."""
     up = np.array([braking_rate(room) for room in robot.upper - q[7:]])
     down = np.array([braking_rate(room) for room in q[7:] - robot.lower])
     scale = 1.0 / (_BRAKE_TIME * robot.gravity)

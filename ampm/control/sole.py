@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
+from ampm.control.stabilizer import write_zmp
 from ampm.control.workspace import PlacedBody, SteppingState, Wrench
 from ampm.geometry import Array
-from ampm.vectors import Vector, clip, put, times, vector
+from ampm.vectors import Vector, along_across, clip, put, times, vector
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
@@ -21,13 +22,13 @@ ACROSS = 3.0
 
 @compiled
 def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Array) -> None:
-    """Least and largest x, least and largest y of a foot's points in its axes, shape (4,) [m]."""
+    """Write least and largest x, least and largest y of a foot's points in its axes, shape (4,) [m]."""
     out[0] = out[2] = math.inf
     out[1] = out[3] = -math.inf
     for i in range(len(points)):
         if points[i].foot == foot:
             x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
-            along, across = cos * x + sin * y, -sin * x + cos * y
+            along, across = along_across(x, y, cos, sin)
             out[0], out[1] = min(out[0], along), max(out[1], along)
             out[2], out[3] = min(out[2], across), max(out[3], across)
 
@@ -39,12 +40,12 @@ def share_axis(r: float, arm: float, low: float, high: float, least: float) -> t
     Args:
         r: wanted shift of r: feedback of the COM [m].
         arm: wanted shift of ``ZMP - r``: feedback of the angular momentum [m].
-        low: from the planned ZMP to the sole's edge [m].
-        high: the same to the other edge [m].
-        least: what the trunk may take of any sole, if the COM has to pay for it [m].
+        low: position of the sole's lower edge from the planned ZMP [m].
+        high: position of its upper edge [m].
+        least: shift that the trunk may take of any sole, however small, at the cost of the COM [m].
 
     Returns:
-        Both shifts; those wanted where their sum is within the sole.
+        Both shifts; the wanted ones where their sum is within the sole.
     """
     if low <= r + arm <= high and low <= r <= high:
         return r, arm
@@ -54,12 +55,12 @@ def share_axis(r: float, arm: float, low: float, high: float, least: float) -> t
 
 @compiled
 def open_points(points: Any, com: Array, cos: float, sin: float, out: Array) -> int:
-    """Places of the points that may carry force in the foot's axes, shape (P, 2) [m]; their number."""
+    """Write places of the points that may carry force, in the foot's axes, shape (P, 2) [m]; their number."""
     count = 0
     for i in range(len(points)):
         if points[i].limit > OPEN:
             x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
-            out[count, 0], out[count, 1] = cos * x + sin * y, cos * y - sin * x
+            out[count, 0], out[count, 1] = along_across(x, y, cos, sin)
             count += 1
     return count
 
@@ -68,7 +69,7 @@ def open_points(points: Any, com: Array, cos: float, sin: float, out: Array) -> 
 def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
     """The point of the hull of some points that is nearest to another, which may be in it.
 
-    Across, distances count :data:`ACROSS` times, as steps can take over less of them.
+    Distances across count :data:`ACROSS` times, because a step can make up for less of them.
 
     Args:
         sole: the points, shape (n, 2) [m].
@@ -101,12 +102,8 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector
     With ``r = c - (z / (g + zdd)) cdd``, the ZMP of the command is r plus the arm of its moment. The feedback
     of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
 
-    Args:
-        body: placed, its points with their limits of this tick.
-        state: of the stabiliser that steps.
-        wanted: COM and momentum of the plan followed.
-        tilt: rotation from the trunk to the planned one [rad].
-        command: of :func:`~ampm.control.stabilizer.command_wrench`, which is changed.
+    The points have their limits of this tick. The command is that of
+    :func:`~ampm.control.stabilizer.command_wrench`; ``tilt`` takes the trunk to the planned one [rad].
     """
     com, force, moment = body.com, command.force, command.moment
     if state.force_factor != 1.0:
@@ -150,8 +147,7 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector
         force[axis] -= r_change[axis] * force[2] / height
     moment[0] += arm_change[1] * force[2]
     moment[1] -= arm_change[0] * force[2]
-    command.zmp[0] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
-    command.zmp[1] = com[1] - (com[2] * force[1] - moment[0]) / force[2]
+    write_zmp(com, command)
 
 
 @compiled
@@ -162,5 +158,5 @@ def over_plane(a: Any, slope: Array) -> float:
 
 @compiled
 def turned_axes(a: Array, cos: float, sin: float) -> Array:
-    """Components of a horizontal vector along and across a heading, shape (2,)."""
-    return np.array([cos * a[0] + sin * a[1], -sin * a[0] + cos * a[1]])
+    """:func:`~ampm.vectors.along_across` of an array of shape (2,), as a new one."""
+    return np.array(along_across(a[0], a[1], cos, sin))

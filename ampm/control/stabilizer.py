@@ -24,7 +24,7 @@ def rotation_error(wanted: Array, actual: Array) -> Vector:
 def command_wrench(
     gains: Any, body: PlacedBody, wanted: Any, tilt: Vector, rates: Array, command: Wrench
 ) -> None:
-    """Net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
+    """Write the net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
 
     With c the COM, p and L momentum and angular momentum about it, and bars for the plan::
 
@@ -34,13 +34,8 @@ def command_wrench(
     The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more or less
     angular momentum than planned, slowly.
 
-    Args:
-        gains: of the controller.
-        body: placed.
-        wanted: COM, momentum and their rates of the plan.
-        tilt: rotation from the trunk to the planned one [rad].
-        rates: momentum and angular momentum over the mass, shape (6, ...).
-        command: f, n, L_wanted and the ZMP on the floor of this wrench, which are written.
+    ``tilt`` takes the trunk to the planned one [rad], and ``rates`` are momentum and angular momentum over
+    the mass, shape (6, ...). Written are f, n, L_wanted and the ZMP of this wrench on z = 0.
     """
     mass, com = body.mass, vector(body.com)
     force = plus(vector(wanted.com_acceleration), (0.0, 0.0, body.gravity))
@@ -54,5 +49,12 @@ def command_wrench(
     put(command.force, force)
     put(command.moment, moment)
     put(command.angular_momentum, momentum)
+    write_zmp(body.com, command)
+
+
+@compiled
+def write_zmp(com: Array, command: Wrench) -> None:
+    """Write the ZMP on z = 0 of a commanded force and moment about the COM."""
+    force, moment = command.force, command.moment
     command.zmp[0] = com[0] - (com[2] * force[0] + moment[1]) / force[2]
     command.zmp[1] = com[1] - (com[2] * force[1] - moment[0]) / force[2]

@@ -11,54 +11,57 @@ from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
 from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
 from ampm.geometry import Array
-from ampm.vectors import ZERO, Vector, clip, cross, dot, minus, plus, put, times, vector
+from ampm.vectors import ZERO, Vector, along_across, clip, cross, dot, minus, plus, put, times, vector
 
-STANCE, SWING = 1e-8, 1e-4
-"""Softness of a foot's acceleration task when it stands and when it swings, in the metric of the posture."""
+STANCE, SWING, OFF_PLAN = 1e-8, 1e-4, 1e-3
+"""Softness of the task of a foot that stands, swings, and swings off the plan, in the metric of the posture.
+Off the plan, a foot whose leg is too weak lags, and the trunk stays."""
 DEEPEST = 0.01
 """Most pitch by which a heel's sinking is made up for [rad]: a lower floor is not followed."""
-HURRIED = 1e-3
-"""Softness of a swinging foot off the plan: where its leg is too weak it lags, and the trunk stays."""
 
 
 @compiled
 def sole_task(work: Workspace, i: int) -> None:
-    """Write the wanted acceleration of one sole, linear then angular, and its softness.
+    """Write the wanted acceleration of sole i, linear then angular, and its softness.
 
-    The foot keeps the line that holds it, and that line's speed, for the next tick.
-
-    Args:
-        work: with the body placed, the lines of this tick and the rates of the tasks.
-        i: number of the foot, 0 or 1.
+    Body, lines and rates of the tasks are those of this tick. The foot keeps the line that holds it, and that
+    line's speed, for the next one.
     """
     gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
-    off = rotation_error(wanted.foot_rotation[i], foot.pose)
-    some = all_lines = lines[HEEL].planned or lines[HEEL].touched
+    rotation = rotation_error(wanted.foot_rotation[i], foot.pose)
+    any_line = all_lines = lines[HEEL].planned or lines[HEEL].touched
     for group in (BALL, TIP):
-        planned = lines[group].planned or lines[group].touched
-        some, all_lines = some or planned, all_lines and (planned or (group == TIP and foot.toe < 0))
-    if some:
+        holds = lines[group].planned or lines[group].touched
+        any_line, all_lines = any_line or holds, all_lines and (holds or (group == TIP and foot.toe < 0))
+    if any_line:
         work.tasks.softness[rows] = STANCE
-        _stance(work, i, all_lines, off, rates, acceleration)
+        _stance(work, i, all_lines, rotation, rates, acceleration)
         return
-    work.tasks.softness[rows] = HURRIED if work.stepping[0].off_plan else SWING
+    work.tasks.softness[rows] = OFF_PLAN if work.stepping[0].off_plan else SWING
     foot.stood = False
-    velocity, turning = vector(rates[0:3]), vector(rates[3:6])
     place = plus(vector(body.com), vector(foot.place))
-    away = minus(vector(wanted.foot_position[i]), place)
-    pull = plus(times(gains.swing_stiffness, away), vector(wanted.foot_acceleration[i]))
-    slower = minus(vector(wanted.foot_velocity[i]), velocity)
-    put(acceleration[0:3], plus(pull, times(gains.swing_damping, slower)))
-    pull = plus(times(gains.swing_stiffness, off), vector(wanted.foot_angular_acceleration[i]))
-    slower = minus(vector(wanted.foot_angular_velocity[i]), turning)
-    put(acceleration[3:6], plus(pull, times(gains.swing_damping, slower)))
+    error, planned = minus(vector(wanted.foot_position[i]), place), vector(wanted.foot_acceleration[i])
+    rate_error = minus(vector(wanted.foot_velocity[i]), vector(rates[0:3]))
+    put(acceleration[0:3], _swing(gains, planned, error, rate_error))
+    rate_error = minus(vector(wanted.foot_angular_velocity[i]), vector(rates[3:6]))
+    planned = vector(wanted.foot_angular_acceleration[i])
+    put(acceleration[3:6], _swing(gains, planned, rotation, rate_error))
 
 
 @compiled
-def _stance(work: Workspace, i: int, all_lines: bool, off: Vector, rates: Array, acceleration: Array) -> None:
-    """Wanted acceleration of a sole in contact; ``off`` is the rotation to the planned one [rad]."""
+def _swing(gains: Any, planned: Vector, error: Vector, rate_error: Vector) -> Vector:
+    """Planned acceleration of a foot in the air, plus feedback of its errors."""
+    feedback = times(gains.swing_damping, rate_error)
+    return plus(plus(times(gains.swing_stiffness, error), planned), feedback)
+
+
+@compiled
+def _stance(
+    work: Workspace, i: int, all_lines: bool, rotation: Vector, rates: Array, acceleration: Array
+) -> None:
+    """Write the wanted acceleration of a sole in contact; ``rotation`` takes it to the planned one [rad]."""
     gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
     foot, heel, ball = body.feet[i], lines[HEEL], lines[BALL]
     velocity, omega = vector(rates[0:3]), vector(rates[3:6])
@@ -69,33 +72,35 @@ def _stance(work: Workspace, i: int, all_lines: bool, off: Vector, rates: Array,
     # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
     touches = 1 * heel.touching + 2 * ball.touching + 4 * lines[TIP].touching
     share = gains.stance_yield if foot.stood and touches == foot.touches else 0.0
-    turned = times(share * gains.frequency, minus(omega, vector(foot.turning)))
+    yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
     foot.touches = touches
     put(foot.turning, omega)
     if all_lines and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
         acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2], share)
         still = times(-gains.stance_damping, omega)
-        put(acceleration[3:6], plus(times(1.0 - share, still), turned))
+        put(acceleration[3:6], plus(times(1.0 - share, still), yielding))
         acceleration[5] = still[2]  # the floor yields upwards and downwards
         return
     # Roll and pitch in the axes of the foot's heading: about its x and y axis.
-    c, s = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
-    turning = minus(times(gains.roll_stiffness, off), times(gains.roll_damping, omega))
-    roll, level = c * turning[0] + s * turning[1], c * turning[1] - s * turning[0]
-    roll = (1.0 - share) * roll + c * turned[0] + s * turned[1]
-    pitch_rate = c * omega[1] - s * omega[0]
+    cos, sin = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
+    turning = minus(times(gains.roll_stiffness, rotation), times(gains.roll_damping, omega))
+    roll, pitch = along_across(turning[0], turning[1], cos, sin)
+    roll = (1.0 - share) * roll + cos * yielding[0] + sin * yielding[1]
+    _, pitch_rate = along_across(omega[0], omega[1], cos, sin)
     holds = heel.touched or ball.touched or lines[TIP].touched
     if all_lines:  # a line is late: turn it to the floor
         rate = gains.touchdown_rate if heel.touched else -gains.touchdown_rate
         pitch = gains.roll_damping * ((rate if holds else 0.0) - pitch_rate)
     else:  # rolling on heel or toes
         planned, change = wanted.foot_angular_velocity[i], wanted.foot_angular_acceleration[i]
-        planned_rate = c * planned[1] - s * planned[0]
-        pitch = level + (c * change[1] - s * change[0]) + gains.roll_damping * planned_rate
+        _, planned_rate = along_across(planned[0], planned[1], cos, sin)
+        _, planned_change = along_across(change[0], change[1], cos, sin)
+        pitch = pitch + planned_change + gains.roll_damping * planned_rate
         if heel.touched and not (ball.planned or ball.touched):
-            pitch -= _sinking(work, i, off, velocity, omega)
-    turning = c * roll - s * pitch, s * roll + c * pitch, turning[2]
+            pitch -= _sinking(work, i, rotation, velocity, omega)
+    x, y = along_across(roll, pitch, cos, -sin)
+    turning = x, y, turning[2]
     # The line that holds the foot stays where it is; the reference point turns about it.
     on_heel = heel.touched if holds else heel.planned or heel.touched
     pivot = minus(_middle(body.points, i, HEEL if on_heel else BALL), vector(foot.place))
@@ -138,16 +143,16 @@ def _vertical(
 
 
 @compiled
-def _sinking(work: Workspace, i: int, off: Vector, velocity: Vector, omega: Vector) -> float:
-    """Pitch acceleration that makes up for a loaded heel's sinking, so that the ball lands as planned."""
+def _sinking(work: Workspace, i: int, rotation: Vector, velocity: Vector, omega: Vector) -> float:
+    """Pitch acceleration [rad/s^2] that makes up for a loaded heel's sinking: the ball lands as planned."""
     gains, foot, points = work.gains, work.body.feet[i], work.body.points
     heel, ball = _middle(points, i, HEEL), _middle(points, i, BALL)
     length, arm = math.hypot(ball[0] - heel[0], ball[1] - heel[1]), minus(heel, vector(foot.place))
-    planned = work.wanted.foot_position[i, 2] + cross(off, arm)[2]
+    planned = work.wanted.foot_position[i, 2] + cross(rotation, arm)[2]
     sunk = (planned - work.body.com[2] - foot.place[2]) / length
     rate = -(velocity[2] + cross(omega, arm)[2]) / length if 0.0 < sunk < DEEPEST else 0.0
-    pull = gains.roll_stiffness * clip(sunk, 0.0, DEEPEST) + gains.roll_damping * rate
-    return gains.sink_compensation * pull
+    feedback = gains.roll_stiffness * clip(sunk, 0.0, DEEPEST) + gains.roll_damping * rate
+    return gains.sink_compensation * feedback
 
 
 @compiled
@@ -162,9 +167,9 @@ def _middle(points: Any, foot: int, line: int) -> Vector:
 
 @compiled
 def toe_task(gains: Any, wanted: Array, angle: float, rate: float) -> float:
-    """Acceleration wanted of a toe joint [rad/s^2]; its planned angle and two derivatives, shape (3,)."""
-    pull = gains.swing_damping * (wanted[1] - rate) + gains.swing_stiffness * (wanted[0] - angle)
-    return wanted[2] + pull
+    """Acceleration wanted of a toe joint [rad/s^2], from its planned angle, rate and acceleration."""
+    feedback = gains.swing_damping * (wanted[1] - rate) + gains.swing_stiffness * (wanted[0] - angle)
+    return wanted[2] + feedback
 
 
 @compiled

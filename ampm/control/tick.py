@@ -1,4 +1,4 @@
-"""One control tick: :func:`before` the QP of the contact forces, and :func:`after` it.
+"""One control tick: :func:`prepare_qp` before the QP of the contact forces, :func:`finish_tick` after it.
 
 With task rows B (momentum over the mass, soles, toes), accelerations a, contact forces f, their wrench map W:
 
@@ -7,14 +7,14 @@ With task rows B (momentum over the mass, soles, toes), accelerations a, contact
     posture       a ~ wanted                           in the metric of the posture weights
     wrench        W f ~ command                        the QP's cost, under friction and unilateral contact
 
-:func:`before` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`after` takes a and, by
-inverse dynamics, the torques from f. Task-space inverse dynamics of this kind: Wensing & Orin, ICRA 2013; Del
-Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et al., Autonomous Robots 2016.
+:func:`prepare_qp` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`finish_tick` takes a
+and, by inverse dynamics, the torques from f. Task-space inverse dynamics of this kind: Wensing & Orin, ICRA
+2013; Del Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et al., Autonomous Robots 2016.
 """
 
 import numpy as np
 
-from ampm.body.rigid_body import joint_torques, passive_torques, place_body, place_of, task_drift
+from ampm.body.rigid_body import com_of, joint_torques, passive_torques, place_body, place_of, task_drift
 from ampm.compiled import compiled
 from ampm.control.contact_gate import land, update_gate
 from ampm.control.contact_qp import eliminate_tasks, fill_qp
@@ -32,12 +32,12 @@ from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
-_OLDEST = 0.005  # sensed forces that the other foot makes up for: with later ones it oscillates [s]
+_OLDEST = 0.005  # largest age of sensed forces that the other foot makes up for; older ones oscillate [s]
 
 
 @compiled
-def before(work: Workspace, stepper: Stepper | None, lag: float, load_age: float, first: bool) -> bool:
-    """From what is sensed and wanted to the QP of the contact forces.
+def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: float, first: bool) -> bool:
+    """Set up the QP of the contact forces from what is sensed and wanted.
 
     Args:
         work: all that the tick reads and writes.
@@ -47,40 +47,40 @@ def before(work: Workspace, stepper: Stepper | None, lag: float, load_age: float
         first: whether this is the first tick of a run.
 
     Returns:
-        Whether the QP is stated: the task rows are independent, and all numbers finite.
+        Whether there is a QP: the task rows are independent, and all numbers finite.
     """
-    kinematics(work.body, work.motion, work.tasks, work.sensed, lag)
+    update_kinematics(work.body, work.motion, work.tasks, work.sensed, lag)
     if stepper is not None:
         follow(stepper, work.wanted)
     else:
         follow_floor(work)
-    landing = contacts(work, first)
-    command(work, stepper)
-    tasks(work)
-    scale(work.body, work.motion, work.tasks)
+    landing = update_contacts(work, first)
+    update_command(work, stepper)
+    update_tasks(work)
+    scale_tasks(work.body, work.motion, work.tasks)
     if not eliminate_tasks(work.tasks, work.motion.posture):
         return False
-    contact_qp(work, landing, load_age)
+    set_up_qp(work, landing, load_age)
     return True
 
 
 @compiled
-def after(work: Workspace, still: bool, first: bool) -> bool:
-    """From the contact forces to the torques.
+def finish_tick(work: Workspace, still: bool, first: bool) -> bool:
+    """Take accelerations and torques from the contact forces that the QP found.
 
     Args:
         work: all that the tick reads and writes; ``work.contact.solution`` are the forces.
-        still: whether the torque is held until the next tick, as the plan jumps.
+        still: whether the torque is held until the next tick, because the plan jumps.
         first: whether this is the first tick of a run.
 
     Returns:
         Whether the torques and joint rates are within their limits; if not, nothing is kept.
     """
-    accelerations(work)
-    torques(work)
+    update_accelerations(work)
+    update_torques(work)
     if limit_broken(work.sensed.q, work.sensed.v, work.motion.acceleration, work.joints):
         return False
-    keep(work, still, first)
+    keep_tick(work, still, first)
     return True
 
 
@@ -88,8 +88,10 @@ def after(work: Workspace, still: bool, first: bool) -> bool:
 
 
 @compiled
-def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float) -> None:
-    """Places, task Jacobian B' and rates B v, drift and COM of the measured state.
+def update_kinematics(
+    body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float
+) -> None:
+    """Write places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
     acceleration commanded at the last tick.
@@ -101,7 +103,7 @@ def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, v
     task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, tasks.drift)
     tasks.rates[:] = 0.0
     add_combination(1.0, tasks.jacobian, motion.now, tasks.rates)
-    from_root = times(1.0 / body.mass, vector(body.link[0].first))
+    from_root = com_of(body.link)
     put(body.com, plus(vector(sensed.q), from_root))
     for i in range(len(body.feet)):
         foot = body.feet[i]
@@ -112,8 +114,8 @@ def kinematics(body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, v
 
 
 @compiled
-def contacts(work: Workspace, first: bool) -> bool:
-    """Which sole points may carry force; whether any of them has just touched down."""
+def update_contacts(work: Workspace, first: bool) -> bool:
+    """Update which sole points may carry force; whether a line of them is landing."""
     points, stepping, lines = work.body.points, work.stepping[0], work.contact.lines
     for i in range(len(points)):
         points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
@@ -123,8 +125,8 @@ def contacts(work: Workspace, first: bool) -> bool:
 
 
 @compiled
-def command(work: Workspace, stepper: Stepper | None) -> None:
-    """The net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
+def update_command(work: Workspace, stepper: Stepper | None) -> None:
+    """Write the net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
     body, wanted = work.body, work.wanted
     trunk = body.trunk[0]
     pose = np.empty((3, 3))
@@ -139,10 +141,10 @@ def command(work: Workspace, stepper: Stepper | None) -> None:
 
 
 @compiled
-def tasks(work: Workspace) -> None:
-    """Accelerations wanted of momentum, soles, toes and posture.
+def update_tasks(work: Workspace) -> None:
+    """Write the accelerations wanted of soles, toes and posture; the momentum's row gets gravity alone.
 
-    Of the momentum those without contact forces: the QP adds the forces.
+    The QP adds the contact forces to the momentum's row.
     """
     body, tasks, wanted, q = work.body, work.tasks, work.wanted, work.sensed.q
     tasks.softness[:] = 0.0
@@ -160,8 +162,8 @@ def tasks(work: Workspace) -> None:
 
 
 @compiled
-def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
-    """Units of the QP: accelerations in g, in the metric ``x = W_p^1/2 a / g`` of the posture weights."""
+def scale_tasks(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
+    """Scale to the QP's units: accelerations in g, and ``x = W_p^1/2 a / g`` by the posture weights W_p."""
     motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
     scaled, jacobian, by_row, by_column = tasks.scaled, tasks.jacobian, 1.0 / motion.root_weight, tasks.scale
     for j in range(len(by_row)):
@@ -171,8 +173,8 @@ def scale(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
 
 
 @compiled
-def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
-    """The QP in the contact forces: the wanted momentum rate, friction, shares and limits of the points."""
+def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
+    """Fill in the QP: wanted momentum rate, friction, shares and force limits of the points."""
     body, contact, tasks, wrench = work.body, work.contact, work.tasks, work.command
     weight = body.mass * body.gravity
     share_forces(body.points, contact.forces, work.stepping[0].off_plan)
@@ -191,8 +193,8 @@ def contact_qp(work: Workspace, landing: bool, load_age: float) -> None:
 
 
 @compiled
-def accelerations(work: Workspace) -> None:
-    """``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
+def update_accelerations(work: Workspace) -> None:
+    """Write ``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
     motion, tasks, contact = work.motion, work.tasks, work.contact
     rows = len(tasks.system)
     net_wrench = np.zeros(6)
@@ -205,8 +207,8 @@ def accelerations(work: Workspace) -> None:
 
 
 @compiled
-def torques(work: Workspace) -> None:
-    """Inverse dynamics of the accelerations under the contact forces, and what passive joints take."""
+def update_torques(work: Workspace) -> None:
+    """Write the torques of the accelerations under the contact forces, and what passive joints take."""
     body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
     point_forces(body.points, contact.solution, body.mass * body.gravity, contact.point_force)
     joint_torques(
@@ -224,7 +226,7 @@ def torques(work: Workspace) -> None:
 
 
 @compiled
-def keep(work: Workspace, still: bool, first: bool) -> None:
+def keep_tick(work: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)

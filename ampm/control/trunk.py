@@ -1,4 +1,4 @@
-"""The tilt of the trunk that is fed back: that of the instant, or its mean over a time, with an integral.
+"""The tilt of the trunk that is fed back: the present one, or its mean over a time, with an integral.
 
 A trunk that swings within every step, beside a posture that does not plan this swing, is upright if its mean
 over two steps is. The integral of this mean finds the mean angular momentum that the body needs.
@@ -10,7 +10,7 @@ from typing import Any
 from ampm.compiled import compiled
 from ampm.control.workspace import Tilt
 from ampm.geometry import Array
-from ampm.vectors import Vector
+from ampm.vectors import Vector, along_across
 
 RIGHTING = 4.0
 """Off the plan a tilt counts so much more: no orbit is kept there, and pushes tilt the trunk far [1]."""
@@ -20,15 +20,15 @@ RIGHTING = 4.0
 def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory: Tilt) -> Vector:
     """Tilt to be fed back, in world axes [rad].
 
-    The time before the window first opens counts as upright. As a window closes, mean and integral fade into
-    the tilt of the instant.
+    The time before the window first opens counts as upright. As a window closes, the present tilt replaces
+    mean and integral gradually.
 
     Args:
         gains: of the controller.
         tilt: rotation from the trunk to the planned one, in world axes [rad].
-        trunk: the planned one to world, whose first axis is the heading, shape (3, 3).
-        window: time over which to average, up to :data:`~ampm.control.workspace.LONGEST` [s]; 0: the tilt
-            of the instant.
+        trunk: planned rotation of the trunk to world, whose first axis is the heading, shape (3, 3).
+        window: time over which to average, up to :data:`~ampm.control.workspace.LONGEST` [s]; 0: the present
+            tilt is fed back.
         memory: tilts of the last ticks, their integral, and how long the window has been open.
     """
     past, integral = memory.past, memory.integral
@@ -41,9 +41,9 @@ def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory:
         return tilt
     longest = max(memory.longest[0], count)
     length = math.sqrt(trunk[0, 0] ** 2 + trunk[1, 0] ** 2)
-    c, s = trunk[0, 0] / length, trunk[1, 0] / length
+    cos, sin = trunk[0, 0] / length, trunk[1, 0] / length
     row = memory.next_row[0]
-    past[row, 0], past[row, 1] = c * tilt[0] + s * tilt[1], c * tilt[1] - s * tilt[0]
+    past[row, 0], past[row, 1] = along_across(tilt[0], tilt[1], cos, sin)
     along = across = 0.0
     for k in range(longest):  # a negative row counts from the end
         along += past[row - k, 0]
@@ -54,10 +54,7 @@ def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory:
     memory.next_row[0], memory.longest[0] = (row + 1) % len(past), longest
     along += gains.trunk_integral * integral[0]
     across += gains.trunk_integral * integral[1]
+    x, y = along_across(along, across, cos, -sin)
     share = count / longest
     rest = 1.0 - share
-    return (
-        share * (c * along - s * across) + rest * tilt[0],
-        share * (s * along + c * across) + rest * tilt[1],
-        tilt[2],
-    )
+    return share * x + rest * tilt[0], share * y + rest * tilt[1], tilt[2]

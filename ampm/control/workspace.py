@@ -16,10 +16,8 @@ from ampm.body.rigid_body import Array3, Array33, Frame, frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import records, zeros_of
 from ampm.controller_parameters import ControllerParameters
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.reference import FIELDS
-
-Flags = NDArray[np.bool_]
 
 HEEL, BALL, TIP = 0, 1, 2
 """Lines of a foot's points."""
@@ -32,24 +30,24 @@ ANGULAR = 3.0
 
 
 class Foot(Frame):
-    """A foot: its sole's frame, and what a tick keeps of it."""
+    """A foot: its sole's frame, its state, and what the next tick needs of it."""
 
     toe: int  # velocity index of the toe joint, -1 if there is none
-    toe_row: int  # its row among the tasks
-    place: Array3  # of the sole's reference point about the COM [m]
+    toe_row: int  # row of the toe joint among the tasks, -1 if there is none
+    place: Array3  # sole's reference point from the COM, in world [m]
     pose: Array33  # axes of the sole to world
     stood: bool  # whether it was in contact at the last tick
-    on_heel: bool  # whether its heel held it then
-    on_ball: bool
-    speed: float  # upward speed of the line that held it [m/s]
-    turning: Array3  # its angular velocity then [rad/s]
-    touches: int  # which of its lines touched then: 1 heel, 2 ball, 4 tip, added
+    on_heel: bool  # whether its heel held it at the last tick
+    on_ball: bool  # whether its ball held it at the last tick
+    speed: float  # upward speed of the line that held it at the last tick [m/s]
+    turning: Array3  # its angular velocity at the last tick, in world [rad/s]
+    touches: int  # lines that touched at the last tick: 1 heel + 2 ball + 4 tip
     late: float  # time for which its planned contact has been missing [s]
     hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
-    floor: float  # height of the floor under it over the plan's [m]
-    slope: Annotated[Array, (2,)]  # of the floor over the plan's: dz/dx, dz/dy [1]
+    floor: float  # height of the floor under it over the plan's floor [m]
+    slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
     raised: float  # height by which its reference is raised [m]
-    raised_rate: float  # [m/s]
+    raised_rate: float  # rate of this height [m/s]
 
 
 class Line:
@@ -61,9 +59,9 @@ class Line:
     off: int  # ticks since it touched
     touched: bool  # has touched down since its contact was due
     opening: float  # share opened since its touch-down, 0 ... 1
-    limit: float  # share of the force limit: the same, but closing before lift-off, 0 ... 1
-    was_planned: bool  # at the last tick
-    was_opening: bool  # whether it touched then, and was opening
+    limit: float  # share of the force limit: as `opening`, but closes before lift-off, 0 ... 1
+    was_planned: bool  # `planned` at the last tick
+    was_opening: bool  # whether it touched at the last tick and was not fully open
 
 
 class Point(Frame):
@@ -74,49 +72,49 @@ class Point(Frame):
     sensed: float  # latest normal force [N]
     touching: bool
     floor: float  # height at which it touched [m]
-    arm: Array3  # place about the COM [m]
-    opening: float  # of its line
-    limit: float  # of its line
-    share: float  # in its foot's tangential forces [1]
+    arm: Array3  # place from the COM, in world [m]
+    opening: float  # `opening` of its line
+    limit: float  # `limit` of its line
+    share: float  # share of its foot's tangential forces that it takes [1]
     twist: Annotated[Array, (2,)]  # its horizontal force per unit twist of the foot [m g]
     lever: float  # distance from the centre of its foot's tangential forces [m]
-    load_gradient: float  # of the cost, per planned load of the foot
-    least: float  # normal force [m g]
-    largest: float  # normal force [m g]
+    load_gradient: float  # linear cost of its normal force, per planned load of the foot
+    least: float  # lower limit of its normal force [m g]
+    largest: float  # upper limit of its normal force [m g]
 
 
 class SteppingState:
-    """State of the stabiliser that steps, one entry of a table; feet's shifts and places are in world.
+    """State of the stabiliser that steps, one entry of a table; shifts and steps are in world.
 
-    It is at rest under the stabiliser ``fixed``.
+    Under the stabiliser ``fixed`` it does not change.
     """
 
     off_plan: bool  # whether the walk has left its plan
-    leaves: bool  # whether it has to
-    active: bool  # whether it has, or is disturbed: COM and trunk share what the sole can give
-    heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's
-    floor: float  # height under the body, over the plan's floor [m]
-    planned_slope: Annotated[Array, (2,)]  # of the plan's floor: dz/dx, dz/dy [1]
-    force_factor: float  # of the commanded force, which holds the COM's height [1]
+    leaves: bool  # whether it leaves its plan at the next tick
+    active: bool  # whether it is off its plan or disturbed: COM and trunk share what the sole can give
+    heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's heading
+    floor: float  # height of the floor under the body over the plan's floor [m]
+    planned_slope: Annotated[Array, (2,)]  # slopes of the plan's floor: dz/dx, dz/dy [1]
+    force_factor: float  # multiplies the commanded force, to hold the COM's height [1]
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves
-    clock: float  # time since the phase began, by the plan [s]
-    rate: float  # of the clock [1]
-    duration: float  # of the phase, by the plan [s]
-    double: float  # duration of the double support that follows [s]
+    clock: float  # time since the phase began, on the plan's clock [s]
+    rate: float  # speed of this clock [1]
+    duration: float  # planned duration of the phase [s]
+    double: float  # planned duration of the double support that follows [s]
     factor: float  # duration of the rest of the phase over the planned one [1]
-    choice: int  # which of the candidates that is, -1 that which returns to the plan
+    choice: int  # candidate for `factor` that was chosen; -1: it returns to the plan
     late: float  # time behind the plan [s]
-    waited: float  # for a late foot [s]
+    waited: float  # time that the clock has waited for a late foot [s]
     stood: float  # time since the phase began [s]
-    length: float  # planned distance of the next step from the standing foot, along [m]
-    width: float  # the same across [m]
+    length: float  # planned distance of the next step ahead of the standing foot [m]
+    width: float  # planned distance of the next step beside the standing foot [m]
     step: Annotated[Array, (2,)]  # displacement of the next step from the standing foot's shift [m]
-    shift: Annotated[Array, (2, 3)]  # of every foot from where it was planned [m]
-    swing: Annotated[Array, (3, 3)]  # the same of the swing foot: value and two derivatives
-    slope: Annotated[Array, (2,)]  # of the floor over the plan's: dz/dx, dz/dy [1]
-    height: Annotated[Array, (2,)]  # of the COM over its plan, and its rate [m, m/s]
-    sag: float  # by which the COM goes down for a long step [m]
+    shift: Annotated[Array, (2, 3)]  # displacement of every foot from where it was planned [m]
+    swing: Annotated[Array, (3, 3)]  # displacement of the swing foot, with two derivatives
+    slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
+    height: Annotated[Array, (2,)]  # height of the COM over its plan, and its rate [m, m/s]
+    sag: float  # height by which the COM goes down for a long step [m]
     away: float  # largest component of the COM's distance from the plan's [m]
     touches: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
 
@@ -146,33 +144,33 @@ class PlacedBody(NamedTuple):
     feet: Any  # table of Foot
     trunk: Any
     points: Any  # table of Point
-    armature: Array  # shape (nv,) [kg m^2]
-    passive: Array  # of the hinges, see ampm.body.rigid_body.passive_torques, shape (nu, 4)
-    com: Array  # shape (3,) [m]
+    armature: Array  # rotor inertia, shape (nv,) [kg m^2]
+    passive: Array  # see ampm.body.rigid_body.passive_torques, shape (nu, 4)
+    com: Array  # in world, shape (3,) [m]
     mass: float  # [kg]
     gravity: float  # [m/s^2]
 
 
 class Motion(NamedTuple):
-    """Rates and accelerations per degree of freedom."""
+    """Rates, accelerations and passive torques per degree of freedom."""
 
-    now: Annotated[Array, ("nv",)]  # velocity at the instant of q
-    acceleration: Annotated[Array, ("nv",)]  # of this tick [m/s^2, rad/s^2]
-    last_acceleration: Annotated[Array, ("nv",)]  # of the last tick
-    posture: Annotated[Array, ("nv",)]  # wanted acceleration, later in the metric of the posture [g]
+    now: Annotated[Array, ("nv",)]  # velocity at the instant of q [m/s, rad/s]
+    acceleration: Annotated[Array, ("nv",)]  # commanded at this tick [m/s^2, rad/s^2]
+    last_acceleration: Annotated[Array, ("nv",)]  # commanded at the last tick [m/s^2, rad/s^2]
+    posture: Annotated[Array, ("nv",)]  # wanted [m/s^2, rad/s^2], then `x` of scale_tasks [g]
     root_weight: Array  # square root of the posture weights, shape (nv,)
     passive_torque: Annotated[Array, ("nu",)]  # overcomes dampers, springs and friction [N m]
 
 
 class Tasks(NamedTuple):
-    """Task rows."""
+    """Task rows: momentum over the mass, soles (linear, angular), toes; in world."""
 
     jacobian: Array  # transposed, shape (nv, R)
     rates: Annotated[Array, ("R",)]  # jacobian' v
-    drift: Annotated[Array, ("R",)]  # of the accelerations at zero qdd
-    wanted: Annotated[Array, ("R",)]  # accelerations; of the momentum, those without contact forces
+    drift: Annotated[Array, ("R",)]  # accelerations at zero qdd
+    wanted: Annotated[Array, ("R",)]  # accelerations; the momentum's without contact forces
     softness: Annotated[Array, ("R",)]  # 0 for rows that are met exactly
-    scale: Array  # of the rows in the QP, shape (R,)
+    scale: Array  # factors of the rows in the QP, shape (R,)
     rhs: Annotated[Array, ("R",)]  # wanted less drift in units of the QP [g]
     scaled: Annotated[Array, ("nv", "R")]  # jacobian in the metric of the posture and in units of the QP
     system: Annotated[Array, ("R", "R + 7")]  # matrix and solutions of the elimination
@@ -192,7 +190,7 @@ class Tilt(NamedTuple):
 
     past: Annotated[Array, ("M", 2)]  # along and across the heading [rad]
     integral: Annotated[Array, (2,)]  # of the mean, along and across [rad s]
-    next_row: Annotated[NDArray[np.int64], (1,)]
+    next_row: Annotated[NDArray[np.int64], (1,)]  # row of `past` that is written next
     longest: Annotated[NDArray[np.int64], (1,)]  # longest window since it opened [ticks]
 
 
@@ -211,19 +209,19 @@ class Contact(NamedTuple):
 class Joints(NamedTuple):
     """Hinges; limits have the shape (nu,)."""
 
-    torque: Annotated[Array, ("nu",)]  # of this tick [N m]
-    last_torque: Annotated[Array, ("nu",)]  # of the last tick [N m]
-    rate: Annotated[Array, ("nu",)]  # at which the torque goes on [N m/s]
+    torque: Annotated[Array, ("nu",)]  # commanded at this tick [N m]
+    last_torque: Annotated[Array, ("nu",)]  # commanded at the last tick [N m]
+    rate: Annotated[Array, ("nu",)]  # rate of the torque until the next tick [N m/s]
     torque_limit: Array  # [N m]
-    lower: Array  # end of the range [rad]
-    upper: Array  # end of the range [rad]
+    lower: Array  # lower end of the range [rad]
+    upper: Array  # upper end of the range [rad]
 
 
 class Workspace(NamedTuple):
     """All that a tick reads and writes."""
 
-    gains: Any  # the numbers among the parameters of the controller, by their names
-    extrapolates: bool  # whether the torque goes on with its rate
+    gains: Any  # see Gains
+    extrapolates: bool  # whether the torque goes on with its rate between two ticks
     sensed: Sensed
     wanted: Any  # see Wanted
     body: PlacedBody
@@ -244,10 +242,10 @@ def make_workspace(
 
     Args:
         robot: the body, as the controller knows it.
-        gains: of the controller.
-        weights: of the posture, shape (nv,).
+        gains: parameters of the controller.
+        weights: posture weights, shape (nv,).
         row: one reference, shape (1,), of which ``wanted`` are views.
-        problem: the QP of the contact forces: U of them, then six slacks.
+        problem: QP in U contact forces, then six slacks.
     """
     body = robot.rigid_body
     q = np.zeros(robot.nq)
@@ -322,7 +320,7 @@ def points_of(robot: Robot) -> Any:
 
 _NUMBERS = [key for key, value in ControllerParameters() if isinstance(value, float)]
 Gains: Any = namedtuple("Gains", _NUMBERS)  # type: ignore[misc]
-"""The numbers among the parameters. Code for a class of a function would be compiled by every process."""
+"""The controller's parameters that are numbers. Of a class made in a function, each process would compile."""
 
 
 def gains_of(gains: ControllerParameters) -> Any:
