@@ -91,9 +91,12 @@ def compare(
         if done:
             found = compare_runs(done, uncertainty=studies, robustness=survived)
         else:
+            settings = options.with_short(settings, steps=steps)
+            # Refuses a key that is set, too.
+            options.with_short([*settings, *(f"{key}={values[0]}" for key, values in choices.items())])
             found = compare_gaits(
                 walks,
-                options.with_short(settings, steps=steps),
+                settings,
                 choices=choices,
                 as_is=as_is,
                 uncertainty=studies,
