@@ -13,7 +13,7 @@ import tomli_w
 from ampm.parameters import GRAVITY, RunParameters
 from ampm.section import parse_toml
 from models.human import sole_geometry
-from validation.judge.profiles import profile
+from validation.judge.profiles import find_profile
 from validation.study.sweep.design import SweepDefinition, read_definition
 from validation.study.sweep.table import TABLE_METADATA, SweepTable, build_table, key_of
 
@@ -76,7 +76,7 @@ def _row(run: RunParameters, rng: np.random.Generator) -> dict[str, Any]:
     foot = sole_geometry(1.0).length * run.body.height
     driven = {"zmp_x": 0.25 + 1.1 * (c_s - 1.0) ** 2, "zmp_y": 0.25 + 0.8 * abs(c_y - 1.0) ** 1.5}
     metrics, failed = dict[str, float](), []
-    for item in profile("default").tolerances:
+    for item in find_profile("default").tolerances:
         limit = item.limit_for({"body_weight": mass * GRAVITY, "foot_length": foot})
         share = driven.get(item.metric[:5], 0.1) * rng.lognormal(0.0, 0.12)
         metrics[f"metric_{item.metric}"] = float(limit * share)

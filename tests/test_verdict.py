@@ -13,7 +13,7 @@ from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, STRICT, WIDE, own_profile, profile
+from validation.judge.profiles import DEFAULT, STRICT, WIDE, find_profile, own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.trial.disturbances import Push
@@ -144,7 +144,7 @@ def test_limits_grow_with_foot_and_weight():
 
 
 def test_profiles_are_found_by_name_and_by_preset(tmp_path):
-    assert profile("wide") is WIDE
+    assert find_profile("wide") is WIDE
     gait, file = load_run("pitch"), tmp_path / "pitch.toml"
     file.write_text(dump_run(gait))
     own = {name: own_profile(name, load_run(name)).name for name in preset_names()}

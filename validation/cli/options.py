@@ -275,19 +275,20 @@ class Judging:
 
     def load(self) -> Profile | None:
         """Register the metrics; the profile, None for that of the preset."""
-        from validation.judge.profiles import profile  # loads NumPy
+        from validation.judge.profiles import find_profile  # loads NumPy
 
         load_metrics(self.metric)
-        return profile(self.profile) if self.profile else None
+        return find_profile(self.profile) if self.profile else None
 
 
 def load_metrics(texts: Sequence[str] | None) -> None:
     """Register metrics of a user's own."""
-    from validation.judge import metrics, profiles  # load NumPy
+    from validation.judge.metrics import load_metric  # loads NumPy
+    from validation.judge.profiles import find_profile
 
     for text in texts or ():
-        metrics.load_metric(text)
-    profiles.profile("default")  # refuses a limit in an unknown profile
+        load_metric(text)
+    find_profile("default")  # refuses a limit in an unknown profile
 
 
 def grouped(command: Callable[..., int]) -> Callable[..., int]:

@@ -120,7 +120,7 @@ def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbanc
     return {"pitch": WIDE, "ipm": JUMPS}.get(gait, DEFAULT)
 
 
-def profile(name: Profile | str) -> Profile:
+def find_profile(name: Profile | str) -> Profile:
     """Look up a profile, unless it is one; raises InputError if it, or that of a limit, is unknown."""
     if not isinstance(name, Profile) and name not in PROFILES:
         raise unknown(name, PROFILES, "profile")

@@ -15,8 +15,7 @@ from ampm.walk import WalkPlan
 from validation.judge.compare import compare
 from validation.judge.log import find_place, find_start, mean_stride
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import Profile, own_profile
-from validation.judge.profiles import profile as find_profile
+from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
 from validation.measure.columns import map_columns
 from validation.measure.log import COLUMNS, Log, log_record, measure_log, read_log

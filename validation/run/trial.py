@@ -11,8 +11,7 @@ from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
 from validation.judge.compare import Comparison
-from validation.judge.profiles import Profile
-from validation.judge.profiles import profile as find_profile
+from validation.judge.profiles import Profile, find_profile
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import MetricResult, Verdict, build_summary, judge

@@ -19,8 +19,7 @@ from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, Profile, own_profile
-from validation.judge.profiles import profile as find_profile
+from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial

@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 
 from ampm.exceptions import InputError
 from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
-from validation.judge import profiles
 from validation.judge.margins import SATURATED
+from validation.judge.profiles import PUSHED, find_profile, own_profile
 from validation.judge.verdict import VerdictName
 from validation.run.judge_log import judge_run
 from validation.run.walk import walk_planned
@@ -98,11 +98,11 @@ class Case:
             found = {key for key in OPEN_KEYS if not key.startswith("gait.")}
             run = run.giving(run.given - found)
         unpushed = change.layer == "pushes"
-        own = unpushed and self.profile == profiles.PUSHED.name  # judges a recovery, of which there is none
+        own = unpushed and self.profile == PUSHED.name  # judges a recovery, of which there is none
         return replace(
             self,
             request=replace(self.request, run=run),
-            profile=profiles.own_profile(self.request.name, run).name if own else self.profile,
+            profile=own_profile(self.request.name, run).name if own else self.profile,
             pushes=() if unpushed else self.pushes,
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
@@ -129,7 +129,7 @@ def walk_case(case: Case) -> Row:
     planned = plan_walk(case.request)
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
-    trial = walk_planned(planned, profiles.profile(case.profile), disturbances=case.pushes)
+    trial = walk_planned(planned, find_profile(case.profile), disturbances=case.pushes)
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
@@ -268,7 +268,7 @@ def explain(
     target = study_folder(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
-        profile = profiles.own_profile(request.name, request.run, disturbances).name
+        profile = own_profile(request.name, request.run, disturbances).name
         given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN}.")

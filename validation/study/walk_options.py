@@ -9,7 +9,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.parameters import OPTION_TABLES, RunParameters
-from validation.judge.profiles import profile as find_profile
+from validation.judge.profiles import find_profile
 from validation.run.trial import Trial
 from validation.run.walk import timed, walk_planned
 from validation.study.row_file import Row

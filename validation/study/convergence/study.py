@@ -7,7 +7,7 @@ from typing import Any, Unpack
 
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from validation.judge import profiles
+from validation.judge.profiles import find_profile, own_profile
 from validation.judge.uncertainty import FILE
 from validation.store.environment import parameter_values
 from validation.store.json import write_json
@@ -106,7 +106,7 @@ def convergence(
     if steps < 2:
         raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
     request, folder = load_request(gait), study_folder(execution)
-    limits = profiles.profile(profile or profiles.own_profile(request.name, request.run))
+    limits = find_profile(profile or own_profile(request.name, request.run))
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     request = plan_walk(request, execution.get("progress")).request  # with all values
     found = studies(request.run)

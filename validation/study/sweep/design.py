@@ -23,8 +23,7 @@ from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters,
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, unknown
-from validation.judge.profiles import DEFAULT, Profile, own_profile
-from validation.judge.profiles import profile as find_profile
+from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile
 from validation.store.environment import parameter_values
 from validation.trial import users
 from validation.trial.plan import own_gait
