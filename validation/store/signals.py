@@ -105,15 +105,11 @@ def load_signals(path: str | Path) -> Signals:
     table = read_table(path)
     arrays: dict[str, NDArray[Any]] = {}
     for field in table.schema:
-        column = table.column(field.name)
-        if pa.types.is_string(field.type):
-            arrays[field.name] = np.array(column.to_pylist())
-        elif pa.types.is_floating(field.type) or pa.types.is_boolean(field.type):
-            arrays[field.name] = column.to_numpy()
-        else:
+        if not any(of(field.type) for of in (pa.types.is_string, pa.types.is_floating, pa.types.is_boolean)):
             raise InputError(
                 f"{path} is damaged: column {field.name!r} holds {field.type} values; run the gait again."
             )
+        arrays[field.name] = table.column(field.name).to_numpy()
         arrays[field.name].setflags(write=False)
     return Signals(arrays)
 

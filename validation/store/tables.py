@@ -13,7 +13,6 @@ from ampm.exceptions import InputError
 from ampm.planner.centroidal import CentroidalPlan, phase_of
 from ampm.planner.support import StepPlan
 from validation.trial.record import FEET
-from validation.trial.users import check_suffix
 
 MOST_SAMPLES = 5_000_000
 """Samples of one table at most: about 2 GB of memory."""
@@ -68,16 +67,12 @@ def plan_table(plan: CentroidalPlan, times: NDArray[np.float64]) -> dict[str, ND
 
 
 def write_columns(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write columns (N,) as CSV or Parquet, by the path's suffix; floats keep every bit.
-
-    NaN is written as an empty cell or null. Raises :class:`InputError` for another suffix.
-    """
+    """Write columns (N,) as Parquet or CSV, by the suffix; floats keep every bit, NaN is an empty cell."""
     # Imported here: 'ampm plan' writes nothing by default, and starts faster without.
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet as pq
 
-    check_suffix(path)
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     if path.suffix == ".parquet":
         pq.write_table(table, path, compression="zstd")

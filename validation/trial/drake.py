@@ -23,7 +23,7 @@ from ampm.geometry import Array
 from ampm.physics_parameters import DrakeParameters
 from validation.trial.bridge import passive_joints, rotation
 
-# Of contact between rigid and soft bodies, of which there is none here.
+# It warns of contact between rigid and soft bodies, which does not occur here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
 
@@ -48,8 +48,8 @@ class _Plant:
     Attributes:
         segments: Drake's body of every segment.
         geoms: MuJoCo's geom of every shape that touches others.
-        quaternion: place of the root's quaternion in Drake's state, as the five that follow are of MuJoCo's
-            other coordinates.
+        quaternion: places of the root's quaternion in Drake's state. ``position``, ``spin``, ``velocity``,
+            ``angles`` and ``rates`` are those of MuJoCo's other coordinates.
     """
 
     def __init__(self, model: mujoco.MjModel, contact: DrakeParameters | None) -> None:

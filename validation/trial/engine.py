@@ -30,7 +30,7 @@ class Engine(NamedTuple):
     step2: Callable[[], None]
 
 
-_SHARED = {"friction", "acceleration"}  # contact's keys that hold for Drake, which always counts all of it
+_SHARED = {"friction", "acceleration"}  # keys of contact that Drake has, too, with acceleration full
 _ONLY_MUJOCO = (
     *(f"contact.{name}" for name in ContactParameters.model_fields if name not in _SHARED),
     "simulation.integrator",
@@ -41,7 +41,7 @@ _ONLY_MUJOCO = (
 def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None = None) -> None:
     """Refuse a key of MuJoCo alone, dry friction in a joint, and Drake where it is not installed.
 
-    Of run and model what is known already is checked; raises :class:`InputError`.
+    Only what is given of run and model is checked; raises :class:`InputError`.
     """
     for key in _ONLY_MUJOCO:
         if run and run.value(key) != (default := field_of(key).default):

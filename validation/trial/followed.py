@@ -19,9 +19,9 @@ from ampm.stepping.tracker import CYCLE, STILL, SteppedTick
 from validation.trial.frozen_plan import FrozenPlan, PlanRows
 
 LEADS = (0.0, 0.05, 0.1, 0.2, 0.4)
-"""How long before an instant the plan stood that it is compared with [s]."""
+"""Leads: each instant is compared with the plan as it stood this long before [s]."""
 JUDGED_LEAD = 0.1
-"""The one of them by which a walk is judged whose plan moved [s]."""
+"""The lead by which a walk is judged if its plan moved [s]."""
 STEPPING = -1
 """Number of the plan of the stabiliser that steps, see :attr:`SimulationRecord.tick_plan`."""
 _SAME = 1e-9  # time before a tick that counts as the tick [s]
@@ -47,7 +47,7 @@ class Followed:
 
     @property
     def lead(self) -> float:
-        """How long before an instant the plan stood by which the walk is judged [s]."""
+        """The lead by which the walk is judged [s]."""
         return JUDGED_LEAD if self.moved else 0.0
 
     @property
@@ -67,7 +67,7 @@ class Followed:
         return number.astype(np.int32)
 
     def at(self, times: Array, lead: float = 0.0) -> PlanRows:
-        """What the plan that stood ``lead`` [s] before said of ascending times (N,) [s].
+        """The plan at ascending times (N,) [s], as it stood ``lead`` [s] before each of them.
 
         Before the walk the first plan stands.
         """
@@ -90,7 +90,7 @@ class Followed:
 
 @dataclass(frozen=True)
 class Stepped:
-    """States of the stabiliser off its plan, N ticks, and what it has planned at each before it sensed.
+    """States of the stabiliser at N ticks off its plan, and what it had planned for each before it sensed.
 
     It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the swing
     foot on its way to the step that was chosen last; after that the next phases, moved with the feet that
@@ -112,10 +112,10 @@ class Stepped:
 
     def tick_of(self, times: Array) -> NDArray[np.intp]:
         """Last tick up to every time, -1 before the first one, shape (M,)."""
-        return np.searchsorted(self.time, times + 1e-9, side="right") - 1
+        return np.searchsorted(self.time, times + _SAME, side="right") - 1
 
     def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
-        """What was planned of some times by the last tick up to ``made``, both of shape (M,) [s].
+        """The plan at ``times``, as it was at the last tick up to ``made``, both of shape (M,) [s].
 
         A plan that walks on repeats its last two steps after its end. No support is planned.
         """
@@ -191,7 +191,7 @@ class Stepped:
 
 
 def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:
-    """Shift with which the swing foot is to land: the standing foot's, and the step's, shape (M, 3) [m]."""
+    """Shift with which the swing foot is to land: the standing foot's plus the step, shape (M, 3) [m]."""
     target = shift[np.arange(len(shift)), stance]
     target[:, :2] += step
     return target

@@ -90,9 +90,9 @@ class FrozenPlan:
     """A plan as it was when it was handed over."""
 
     plan: WalkPlan  # for its constants and contacts; it is not sampled again
-    rows: PlanRows  # what it said, from when it was handed over on
+    rows: PlanRows  # its samples from the hand-over on
     newton_residual: float  # largest, see `ampm.planner.newton` [m]
-    # of its ZMP in its support [m], and when [s]; None if that was not asked
+    # least distance of its ZMP into the support [m], and its time [s]; None if not asked for
     least_zmp_margin: tuple[float, float] | None = None
 
     @classmethod
@@ -108,10 +108,10 @@ class FrozenPlan:
 
 NEXT = 3
 """Phases of a plan made on the way in which the ZMP is checked: what is planned for later will change."""
-_OFF = 5e-3  # of a sole point on the floor from its footstep [m]
-_OUTSIDE = 0.02  # of the ZMP from the support: a plan by optimisation may give way a little [m]
+_OFF = 5e-3  # most distance of a sole point on the floor from its footstep [m]
+_OUTSIDE = 0.02  # most distance of the ZMP from the support [m]: an optimised plan may leave it a little
 PUSHED_OUTSIDE = 0.1
-"""The same of a plan made on the way: after a push its ZMP may not suffice to stay inside [m]."""
+"""The same for a plan made on the way [m]: after a push a ZMP inside the support may not suffice."""
 _POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's sole points
 
 
@@ -120,8 +120,8 @@ def check_contacts(
 ) -> None:
     """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
-    Feet are checked in all phases ``after`` a time [s], and the ZMP in the first of them, by default in all.
-    The ZMP may be ``outside`` the support [m].
+    Feet are checked in all phases ``after`` a time [s], the ZMP in the first ``phases`` of them, by default
+    in all. The ZMP may be ``outside`` the support by this distance [m].
     """
     ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after]
     times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])

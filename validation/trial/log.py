@@ -26,7 +26,7 @@ class Command(NamedTuple):
     """What a controller commands at a tick; NaN where it says nothing."""
 
     torque: Array  # shape (nu,) [N m]
-    rate: Array  # at which the torques go on, NaN holds them, shape (nu,) [N m/s]
+    rate: Array  # of change of the torques during the tick, NaN holds them, shape (nu,) [N m/s]
     force: Array  # of the ground, shape (3,) [N]
     zmp: Array  # shape (2,) [m]
     angular_momentum: Array  # about the COM, shape (3,) [N m s]

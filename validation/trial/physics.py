@@ -53,7 +53,7 @@ class BodyState(NamedTuple):
     q: Array  # Pinocchio configuration, written by `sense`, shape (nq,)
     v: Array  # its velocity, shape (nv,)
     torque_limit: Array  # shape (nu,) [N m]
-    scale: float  # size of the body, of which 1.70 m is one [1]
+    scale: float  # stature of the body over 1.70 m [1]
     time_step: float  # [s]
 
 

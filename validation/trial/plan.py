@@ -62,7 +62,7 @@ class Request:
 
     name: str  # preset, or stem of the file
     run: RunParameters  # everything that describes the run
-    changed: Mapping[str, Any] = field(default_factory=dict)  # by settings, without the number of steps
+    changed: Mapping[str, Any] = field(default_factory=dict)  # keys that settings changed, without gait.steps
 
     @property
     def title(self) -> str:

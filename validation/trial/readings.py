@@ -67,9 +67,9 @@ def read_true(
 
 
 class Sensors:
-    """From the simulated body to the state that a controller gets.
+    """From the simulated body to the state that a controller gets, made by the estimator.
 
-    The estimator makes it; None stands for the true state, but for what is read.
+    Without one it is the true state of the root, with joints, gyro and contacts as they are read.
     """
 
     def __init__(self, run: RunParameters, log: RunLog, estimator: Estimator | None) -> None:
@@ -173,7 +173,7 @@ class Sensors:
         return values
 
     def _switches(self, i: int, k: int, force: Array) -> NDArray[np.bool_]:
-        """Which sole points touch, at step k by what was read at step i; none with wrenches."""
+        """Which sole points touch at step k, by the readings of step i; none with wrenches."""
         if self._wrenches:
             return np.zeros(len(self._closed), dtype=bool)
         if least := self.parameters.contact_threshold:
@@ -199,7 +199,7 @@ class Sensors:
         return state, touch
 
     def _state(self, k: int, readings: Readings) -> tuple[State, Touch]:
-        """The true state of the root, and the rest as read; of their delay nothing is known."""
+        """The true state of the root, and the rest as read; the state does not tell their delay."""
         i = self.sampled(k)
         q, v = to_pinocchio(self._log.record.q[i], self._log.record.qd[i])
         q[_HINGES + 1 :], v[_HINGES:], v[3:_HINGES] = readings.angles, readings.rates, readings.gyro

@@ -27,9 +27,9 @@ FEET = ("left", "right")
 def _array(
     shape: str, kind: Any = np.float64, *, logged: bool = False, file: str = "", optional: bool = False
 ) -> Any:
-    """Field of an array of a shape in symbols, the first of which is its rate.
+    """Field of an array with a shape in symbols, of which the first is its rate.
 
-    It may be filled step by step, be in a file on disk, and be zero if it is left out.
+    ``logged`` is filled step by step, ``file`` is where it is on disk, ``optional`` is zero if left out.
     """
     metadata = {"shape": shape, "kind": kind, "logged": logged, "file": file, "optional": optional}
     return field(metadata=metadata, default_factory=lambda: None) if optional else field(metadata=metadata)
@@ -102,7 +102,7 @@ class SimulationRecord:
     qp_status: NDArray[np.int8] = _array("T", np.int8, logged=True, file=RunFile.TICKS)
     # largest constraint or stationarity residual of the tick's QP
     qp_residual: Array = _array("T", logged=True, file=RunFile.TICKS)
-    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=RunFile.TICKS)  # iterations
+    qp_iterations: NDArray[np.int32] = _array("T", np.int32, logged=True, file=RunFile.TICKS)  # of the QP
     # wall-clock time of the solve [s]; the one column that equal runs differ in
     qp_time: Array = _array("T", logged=True, file=RunFile.TICKS)
     # number of the plan followed, 0 the first one; `STEPPING` where the stabiliser stepped off the plan
@@ -203,7 +203,7 @@ CONSTANTS = tuple(
     for item in fields(SimulationRecord)
     if item.name != "followed" and SHAPES.get(item.name, "").partition(" ")[0] not in _RATES
 )
-"""Fields of a :class:`SimulationRecord` without a rate of their own."""
+"""Fields of a :class:`SimulationRecord` that are no series of instants, steps or ticks."""
 
 
 def support_height(floor: Array, height: Array, load: Array) -> Array:

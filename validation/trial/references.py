@@ -17,7 +17,7 @@ from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
-_LATE = 0.02  # of a new plan's begin after the instant that it is asked for: a row of samples at 50 Hz [s]
+_LATE = 0.02  # most time from asking for a plan to its begin [s]: a row of samples at 50 Hz
 
 
 @dataclass

@@ -22,8 +22,8 @@ from ampm.section import unknown
 from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
-_THICK = 1.0  # of that floor [m]
-_AROUND = 0.08  # by which a raised or lowered place is larger than the sole at its ends [m]
+_THICK = 1.0  # thickness of that floor [m]
+_AROUND = 0.08  # distance of the edges of a raised or lowered place from the sole [m]
 
 
 class _Tile(NamedTuple):

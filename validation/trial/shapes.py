@@ -122,7 +122,7 @@ class Shapes:
 def least_distances(
     boxes: Array, ellipsoid: NDArray[np.bool_], pairs: NDArray[np.intp], place: Array, turn: Array
 ) -> Array:
-    """What shapes of N pairs are apart at least, along the line between the middles of their boxes.
+    """Lower bound of the distance of the shapes of N pairs, on the line between the middles of their boxes.
 
     Args:
         boxes: middle and half sizes of the box about every shape, in its axes, shape (G, 2, 3) [m].

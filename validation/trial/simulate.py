@@ -52,7 +52,7 @@ def simulate(
 ) -> SimulationRecord:
     """Walk a plan and record everything.
 
-    All steps of the plan are walked; with a planner that goes on ``gait.steps``, or over footsteps all.
+    All steps of the plan are walked; of a planner that replans ``gait.steps``, or all footsteps.
 
     Args:
         planned: it starts on the plan's own posture; the disturbances of its run are unknown to the
@@ -149,21 +149,21 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
 
 
 def place(physics: Physics, run: RunParameters, start: Reference) -> State:
-    """Place the body on a reference's posture, with errors of the run; the state as controllers know it."""
+    """Place the body on a reference's posture, with errors of the run; returns the state that is known."""
     q, v, off = start.q.copy(), start.v.copy(), run.disturbance
     if off.start_velocity:
         v[:3] += off.start_velocity * np.random.default_rng([off.seed, 2]).standard_normal(3)
     # The soles carry weight from the first instant.
     q[2] += off.floor_height - run.simulation.start_depth
     physics.place(q, v)
-    q[2] -= off.floor_height  # is not known
+    q[2] -= off.floor_height  # which the controller does not know
     return State(0.0, q, start.v, 0.5 * physics.time_step)
 
 
 def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
     """A record with the heights of its floor; the commanded ZMP, which is on z = 0, moves onto the floor.
 
-    It is on the level plane of the contacts of the step before each tick.
+    The height of the floor at a tick is that under the contacts of the step before it.
     """
     ticks = np.arange(0, record.steps, record.substeps)
     before = np.maximum(ticks - 1, 0)
@@ -177,8 +177,8 @@ def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
 class ClosedLoop:
     """Controller and physics, a control tick at a time, and the record of it.
 
-    The physics are placed at the start. The controller is None if :meth:`act` is called with what acts, and
-    the estimator for the true state, as the sensors of the run read it.
+    The physics are placed at the start. The controller is None if the caller gives outputs to :meth:`act`.
+    The estimator is None if the controller gets the true state, as the sensors of the run read it.
 
     Attributes:
         command: of the last tick.

@@ -138,7 +138,7 @@ class Role:
     def find(self, text: str, options: Mapping[str, Option] = MappingProxyType({})) -> Any:
         """Import the class or function of a name: ours, an installed package's, or ``module:Class``.
 
-        None is that of a name of ours that stands for no class. A table of a plan makes a planner. Raises
+        Returns None for a name of ours that stands for no class, and a planner for a table of a plan. Raises
         :class:`InputError` if nothing has this name, it cannot be imported or read, or an option is unknown
         or missing.
         """
@@ -291,7 +291,8 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     import pyarrow.csv
     import pyarrow.parquet as pq
 
-    check_suffix(path)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path} must end in {' or '.join(SUFFIXES)}; the suffix chooses the format.")
     try:
         if path.suffix == ".parquet":
             with pq.ParquetFile(io.BytesIO(read_file(path, LARGEST_TABLE))) as file:
@@ -321,9 +322,3 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
     except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
         raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error
-
-
-def check_suffix(path: Path) -> None:
-    """Raise :class:`InputError` unless the path ends in one of :data:`SUFFIXES`."""
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path} must end in {' or '.join(SUFFIXES)}; the suffix chooses the format.")

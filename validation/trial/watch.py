@@ -1,4 +1,5 @@
 """Detects the end of a walk: a fall, divergence of the simulation, or failure of the QP; and its first sign.
+
 A falling body needs wrenches that no contact force can give, so its QP fails before it is on the floor; and a
 failing QP makes the body fall. The order decides: a QP that stays unsolved while the body follows the plan is
 ``infeasible``; a body that had left the plan before is given time to fall.
@@ -21,7 +22,7 @@ than this share [1]. The plan's floor is not needed: the real one may be elsewhe
 
 FALL_DISTANCE = 0.7
 """A body of 1.70 m has fallen when its COM is horizontally farther than this from both soles [m]: as far as a
-leg reaches at a quarter of the height lost. A body that stands beside the plan has not fallen."""
+leg reaches when a quarter of the height is lost. A body that stands beside the plan has not fallen."""
 
 FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
@@ -58,7 +59,7 @@ class Stance(NamedTuple):
     planned_soles: Array  # shape (2, 3) [m]
 
     def fallen(self, scale: float = 1.0) -> str:
-        """How the body has fallen, in words; empty if it stands. ``scale`` is its size over 1.70 m."""
+        """How the body has fallen, in words; empty if it stands. ``scale`` is its stature over 1.70 m."""
         # One layout, however the sites of the soles lie in memory.
         height, apart, upright = posture(self._replace(soles=np.ascontiguousarray(self.soles)))
         if abs(height - 1.0) > FALL_SHARE:
@@ -91,7 +92,7 @@ def posture(stance: Stance) -> tuple[float, float, float]:
 
 @compiled
 def stands(stance: Stance, scale: float) -> bool:
-    """Whether a body has not fallen; ``scale`` is its size over 1.70 m."""
+    """Whether a body has not fallen; ``scale`` is its stature over 1.70 m."""
     height, apart, upright = posture(stance)
     # NaN counts as fallen.
     return abs(height - 1.0) <= FALL_SHARE and apart <= scale * FALL_DISTANCE and upright >= _FALL_COSINE
@@ -113,7 +114,7 @@ class Watch:
     Args:
         stance: of the body, whose numbers change.
         unsolved: time for which the QP may stay unsolved while the body follows the plan [s].
-        scale: size of the body, of which 1.70 m is one [1].
+        scale: stature of the body over 1.70 m [1].
         planned: whether the body is to be where the plan has it.
     """
 

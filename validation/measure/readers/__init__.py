@@ -3,22 +3,22 @@
 What they hold is named as in the file; ``--columns`` gives it the names of :mod:`validation.measure.log`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
 
-READERS: Mapping[str, str] = {".c3d": "c3d", ".mcap": "mcap"}
-"""Module of this package by suffix."""
+SUFFIXES = (".c3d", ".mcap")
+"""Suffixes of files that are read; the module of this package has the same name."""
 
 
 def reader_of(path: Path) -> Callable[[Path], dict[str, Any]] | None:
     """Function that reads a file as columns, None for a table; raises InputError without its library."""
-    if path.suffix not in READERS:
+    if path.suffix not in SUFFIXES:
         return None
     try:
-        return import_module(f"{__name__}.{READERS[path.suffix]}").read
+        return import_module(f"{__name__}{path.suffix}").read
     except ModuleNotFoundError as error:
         raise InputError(f"{path} needs {error.name}; install the extra: pip install 'ampm[logs]'.") from None
