@@ -25,7 +25,7 @@ _ONCE = "Once for all walks, or once for each."
 
 @dataclass(frozen=True)
 class Each:
-    """What all walks have, or each has one of; studies of them."""
+    """What is given once for all walks, or once for each; studies of the walks."""
 
     planner: list[str] | None = option("--planner", _ONCE, "NAME|FILE.csv|.parquet|MODULE:CLASS")
     body: list[str] | None = option("--body", _ONCE, "NAME|FILE.toml")

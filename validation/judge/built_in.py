@@ -38,7 +38,7 @@ def _slip(walk: Comparison) -> float | None:
 
 
 def _shortfall(walk: Comparison) -> float | None:
-    """What lacks to the least clearance [m]; None if the body's shapes are not known."""
+    """How much is missing to the least clearance [m]; None if the body's shapes are not known."""
     clearance = walk.costs["margins"]["clearance"].value
     return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
 
@@ -78,7 +78,7 @@ def _zmp_gaps(walk: Comparison) -> Array:
 
 
 def _zmp_gap_relative(walk: Comparison) -> float:
-    """Gap of both ZMPs over the way of the ZMP from each instant to the next."""
+    """Distance of both ZMPs over the distance that the ZMP moves from each instant to the next [1]."""
     zmp = walk.measured.zmp
     ways = _distances(np.vstack([zmp[1:], np.full((1, 2), np.nan)]), zmp, walk)
     return rms(_zmp_gaps(walk)) / (rms(ways) or math.nan)

@@ -87,7 +87,7 @@ class Statistics:
     """Error of one signal in one window, measured minus reference."""
 
     count: int  # instants
-    unmeasured: int  # of them, without a measurement; they are in no statistic
+    unmeasured: int  # instants without a measurement, which count in no other statistic
     rmse: float  # root mean square error [unit of the signal]
     maximum: float  # largest absolute error
     bias: float  # mean error
@@ -127,7 +127,7 @@ class Comparison(Brief):
     plan: WalkPlan  # that was walked, the first one if it moved
     record: SimulationRecord  # of the simulation
     measured: MeasuredGait  # measurement of the record, independent of the plan
-    # the plan that is judged, at the measured instants t_k, K of them, as it stood `followed.lead` before
+    # the plan at the K measured instants t_k, as it stood `followed.lead` before each: it is judged
     sample: PlanRows
     rows: Mapping[str, Flags]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
     scales: Mapping[str, float]  # `body_weight` [N], `foot_length` [m], `mass_height_velocity` [N m s]
@@ -136,7 +136,7 @@ class Comparison(Brief):
     costs: Mapping[str, Mapping[str, Any]]  # `effort`, `margins`, `energy`, see `validation.judge.margins`
     followed: Followed  # the plans one after another
     valid: PlanSample  # the plan valid at these instants
-    # RMS error of every signal in the judged window, by how long before the plan stood, see `LEADS`
+    # by lead of the plan, see `LEADS`: RMS error of every signal in the judged window
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
     relative: bool = False  # see :attr:`ampm.sensor_parameters.SensorParameters.relative`

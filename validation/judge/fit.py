@@ -34,12 +34,12 @@ EXPLAINED = ("zmp_x", "zmp_y", "force_x", "force_y", "force_z", "angular_momentu
 CONFIDENCE = 0.95
 _LEAST_STRIDES = 3
 _POINTS = 50  # of a phase
-_MARGIN = 0.25  # of a stride, before and after it, that is needed, too [1]
-_DEGREE = 9  # of the polynomial between integrated and measured COM: in 1.5 strides
-_ALIKE = 0.1, 0.15  # strides' durations and lengths from their medians, over these [1]
+_MARGIN = 0.25  # share of a stride before and after it that a log must have, too [1]
+_DEGREE = 9  # of the polynomial from integrated to measured COM, over 1.5 strides
+_ALIKE = 0.1, 0.15  # most difference of a stride's duration and length from the median, over it [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
 _AGREE = 0.25  # least share of the acceleration of a measured COM that the force explains [1]
-_STILL = 1e-3  # of a signal that rests: over H, weight or m H sqrt(g H) [1]
+_STILL = 1e-3  # RMS below which a signal rests, over H, weight or m H sqrt(g H) [1]
 _TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
 Scores = dict[str, dict[str, dict[str, dict[str, float]]]]
 """By signal, model, and ``single``, ``double`` or ``stride``: ``share`` of the variance that is accounted for
@@ -309,7 +309,7 @@ def constants(strides: Strides) -> dict[str, Constant]:
 
 
 def explained(strides: Strides) -> dict[str, Array]:
-    """By model what it says of each stride, given its COM, by the constants of the other strides.
+    """Signals of each stride by model, from its COM and the constants of the other strides.
 
     Shapes are that of :attr:`Strides.signals`.
     """
@@ -339,7 +339,7 @@ def explained(strides: Strides) -> dict[str, Array]:
 
 
 def scores(strides: Strides) -> Scores:
-    """How well the models tell every signal.
+    """How well the models explain every signal.
 
     The variance of a ZMP is about its mean in the phase, that of horizontal forces and momenta about 0, of
     the vertical force about the weight. The share is NaN where a signal rests.

@@ -17,12 +17,12 @@ from validation.measure.log import LOADED, PLACES, Log
 PHASES = 200
 """Instants of the mean stride."""
 _GRID = 0.005  # of the cross-correlation [s]
-_NEAR = 20  # of its intervals around its maximum in which the start may be
-_CONSTANT = 1e-3  # standard deviation of what the plan holds constant: it tells no time
+_NEAR = 20  # intervals of it on both sides of its maximum in which the start is searched
+_CONSTANT = 1e-3  # standard deviation below which a planned signal is constant and tells no time
 _LEAST = 0.5  # correlation up to which a start is a guess [1]
-_ALIKE = 0.995  # of correlations of strides that fit alike, over the largest [1]
+_ALIKE = 0.995  # share of the largest correlation from which strides fit alike [1]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
-_HOLE = 0.03  # longest time without rows that is no gap, as all signals vary little in it [s]
+_HOLE = 0.03  # longest time without rows that is no gap, as signals vary little in it [s]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 

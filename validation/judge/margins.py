@@ -24,8 +24,8 @@ SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
 CLEARANCE_ROWS = 2
-"""States on disk, 10 ms apart, from one posture of which the clearance is measured to the next: at 10 m/s^2
-half a millimetre is lost in 20 ms."""
+"""Clearance is measured at every second state on disk, so every 20 ms: at 10 m/s^2 half a millimetre is
+lost."""
 
 _TILTED = 0.5
 """Tilt of pelvis or trunk that is warned of [rad]."""

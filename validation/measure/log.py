@@ -50,19 +50,19 @@ NEEDED = (
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
 _SLOWEST = 0.05  # most time from row to row [s]
-_CARRIED = 0.85  # least mean vertical force over a time, over that of most times: less in a fall [1]
-_OVER = 0.5  # this time [s]
-_RATIO = 2.0  # of mean vertical force and weight: more is another unit, or another body [1]
-_FARTHEST = 1000.0  # of a place: more is another unit [m]
-_LEAN = 1.0  # horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
-_FILLED = 0.9  # share of its rows that a signal has numbers in: with less it counts as missing [1]
-_LOST = 0.2  # share of a loaded foot's rows without a centre of pressure: more is the other foot's [1]
-_CONTRARY = 0.9  # correlation of the angular momentum with the integrated moment that tells sign and unit [1]
+_OVER = 0.5  # time over which the vertical force is averaged to find a fall [s]
+_CARRIED = 0.85  # least such mean, as a share of the usual one: less is a fall [1]
+_RATIO = 2.0  # most ratio of mean vertical force and weight: more is another unit or body [1]
+_FARTHEST = 1000.0  # largest coordinate of a place: more is another unit [m]
+_LEAN = 1.0  # most horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
+_FILLED = 0.9  # least share of rows with numbers: with less a signal counts as missing [1]
+_LOST = 0.2  # most share of a loaded foot's rows without a COP: with more it is the other foot's COP [1]
+_CONTRARY = 0.9  # correlation of angular momentum and integrated moment from which both can be compared [1]
 _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
-_BIASED = 0.05  # mean distance of COM and force line over the COM's height: more is another frame [1]
+_BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
-_APART = 0.05  # of two ways to one quantity: more is an error, as a share of the weight, and in metres [1, m]
+_APART = 0.05  # most difference of a quantity given in two ways: of forces over the weight [1], of places [m]
 
 
 @dataclass(frozen=True)

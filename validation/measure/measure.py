@@ -28,7 +28,7 @@ LEAST_SUPPORT = 0.01
 
 @dataclass(frozen=True)
 class SelfChecks:
-    """Checks of the instrument over the whole run that rows of a measurement do not tell."""
+    """Checks of the instrument, one number each for the whole run."""
 
     com_agreement: float  # largest distance between the simulator's COM and Pinocchio's [m]
     angular_momentum_agreement: float  # largest distance between the two momenta about the COM [N m s]
@@ -177,7 +177,7 @@ def _soles(record: SimulationRecord) -> dict[str, Any]:
 
 
 def _soles_of(record: SimulationRecord, rows: slice) -> dict[str, Any]:
-    """The same of some steps, with the speed of slipping in place of its way."""
+    """The same for some steps, but ``slip`` is the speed [m/s]."""
     position, point_force, depth = (
         values[rows] for values in (record.point_position, record.point_force, record.point_penetration)
     )

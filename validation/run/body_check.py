@@ -27,9 +27,9 @@ _LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move 
 _FEET = "lowest point of the feet over their soles"
 _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
-_TWICE_AROUND = 4.0 * np.pi  # of a joint's range: more is in degrees [rad]
-_OFF = 0.1  # of the feet's lowest point from the soles, over the soles' length: more is a mistake
-_RUBBING = 0.05  # dry friction over a torque limit: with more, walks were seen to fail [1]
+_TWICE_AROUND = 4.0 * np.pi  # range of a joint beyond which it is in degrees [rad]
+_OFF = 0.1  # most distance of the feet's lowest point from the soles, over the soles' length [1]
+_RUBBING = 0.05  # dry friction over a torque limit beyond which walks were seen to fail [1]
 _GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
 

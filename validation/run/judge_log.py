@@ -31,8 +31,8 @@ from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
-_KNOWN = 0.5  # of the larger share: a log that has less of one kind of phase cannot be judged in it [1]
-_OFTEN = 0.05  # of the rows that precede a gap, from which the log may have several rates [1]
+_KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
+_OFTEN = 0.05  # share of rows before a gap from which a log may have several rates [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 

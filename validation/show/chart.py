@@ -268,7 +268,7 @@ def new_charts(
 def decimate(time: Array, value: Array, buckets: int = 420) -> tuple[Array, Array]:
     """Thin a curve, shape (N,), NaN where undefined.
 
-    Of each bucket over it stay the smallest and largest sample, so that spikes remain.
+    The smallest and largest sample of each bucket stay, so that spikes remain.
     """
     count = len(time)
     if count <= 2 * buckets:

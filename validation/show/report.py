@@ -32,16 +32,9 @@ _OTHERS = ("solver", "motion", "timing", "environment")
 
 
 def write_report(run: str | Path | SavedRun) -> Path:
-    """Write ``report.html`` into a run folder from its files.
+    """Write ``report.html`` into the folder of a finished run, or of a run read from it; returns its path.
 
-    Args:
-        run: folder of a finished run, or the run read from it; an existing report in it is replaced.
-
-    Returns:
-        Path of the report.
-
-    Raises:
-        InputError: the folder is not a run folder.
+    An earlier report is replaced. Raises :class:`InputError` if it is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path = saved.directory / RunFile.REPORT
@@ -94,7 +87,7 @@ def _explanation(path: Path) -> tuple[str, Table] | None:
 
 
 def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
-    """What defines the gait (of the law's slopes those that its planner has), and how far the body walked."""
+    """What defines the gait, with the slopes of the law if its planner has them, and how far it walked."""
     gait, body, outcome = saved.parameters.gait, saved.parameters.body, saved.record.outcome
     summary = saved.summary
     planner = summary.get("planner", "ampm")

@@ -18,7 +18,7 @@ from validation.trial.record import support_height
 INSTANTS = 6
 """Poses of a walk that are drawn."""
 LAST = 1.0
-"""Of a walk that was lost its end is shown [s]."""
+"""Time before the end of a walk that was lost from which its poses are drawn [s]."""
 _ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
 _HEAD = 0.04  # length of an arrow's head [m]
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
@@ -40,7 +40,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
     Args:
         saved: the run.
         plan: says where the walk heads; along x without it.
-        stride: rows of the signals that are shown; of a walk that was lost its last second.
+        stride: rows of the signals that are shown; a walk that was lost is shown over its last second.
 
     Returns:
         A chart with one pose beside the other in order of time; none for a run without states.
@@ -83,7 +83,7 @@ def rows_shown(signals: Signals, window: slice) -> NDArray[np.intp]:
 def _draw_pose(
     chart: Chart, model: mujoco.MjModel, q: Array, signals: Signals, axes: Array, floor: float, at: float
 ) -> None:
-    """What is seen of one instant by someone on the right of the body, about the COM; forward, upward [m].
+    """Draw one instant as seen from the right of the body, about the COM; forward and upward [m].
 
     The signals have one row. Axes are forward and left by columns, shape (2, 2), the floor is a height, and
     the COM is drawn at a place of the chart [m].

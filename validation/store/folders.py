@@ -34,10 +34,9 @@ def check_target(
 ) -> None:
     """Refuse a folder that must not be written.
 
-    A result of a kind (``what``) holds no files but the ``known`` ones, None if others may stay beside it,
-    and at least one of the ``marks``. With ``force``, an option that ``way_out`` names, an earlier one may be
-    replaced, or gone on with. Raises :class:`InputError` if it is a file, or it is not empty and ``force`` is
-    off or it holds something else.
+    The folder of an earlier result (``what`` names its kind) holds one of the ``marks`` and only ``known``
+    files, or any if that is None. Such a folder may be written again with ``force``, the option that
+    ``way_out`` names. Raises :class:`InputError` for any other folder that is not empty, and for a file.
     """
     if not target.is_dir():
         if target.exists() or target.is_symlink():

@@ -1,4 +1,4 @@
-"""Types of ``summary.json``, of what reports, comparisons and verdicts read of it; all else is free."""
+"""Types of the entries of ``summary.json`` that reports, comparisons and verdicts read; others are free."""
 
 import json
 from collections.abc import Mapping
@@ -81,7 +81,7 @@ SUMMARY = entries(
 
 
 def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
-    """Contents of a file of JSON as they are, and as a type, which has all that is read of them.
+    """Contents of a JSON file as they are, and as a type, which has all that is read of them.
 
     An :class:`InputError` names the first entry of another type and the way out.
     """

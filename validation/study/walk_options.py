@@ -19,7 +19,7 @@ from validation.trial.users import ROLES
 
 
 def own_classes(value: Any) -> dict[str, Any]:
-    """Classes and tables of a user's own that the runs in a value name, by these names.
+    """Users' classes and tables that the runs in a value name, by these names.
 
     Raises :class:`InputError` if there is no such controller, planner or estimator.
     """

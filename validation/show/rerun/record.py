@@ -72,16 +72,9 @@ _SHARES = {"plan": 0.5, "motion": 0.5, "y": 0.65, "z": 0.4}
 
 
 def write_recording(run: str | Path | SavedRun) -> Path:
-    """Write ``recording.rrd`` into a run folder from its files.
+    """Write ``recording.rrd`` into the folder of a finished run, or of a run read from it; returns its path.
 
-    Args:
-        run: folder of a finished run, or the run read from it; an existing recording in it is replaced.
-
-    Returns:
-        Path of the recording.
-
-    Raises:
-        InputError: the folder is not a run folder.
+    An earlier recording is replaced. Raises :class:`InputError` if it is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path, curves = saved.directory / RunFile.RECORDING, _curves(saved)
@@ -137,7 +130,7 @@ def _open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> I
 class _Log:
     """A recording stream: column-wise data of one run on both timelines; N pictures at ``times`` [s].
 
-    Beside other runs it has a prefix, such as ``/a``, a name, and a colour of its curves.
+    Beside other runs it has a prefix of its entities, such as ``/a``, a name, and a colour of its curves.
     """
 
     def __init__(

@@ -53,9 +53,9 @@ _SIZES = {
 }
 """Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
 _ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
-_OF_RUN = ("disturbance.", "sensors.")  # begin of what a run says of its disturbances, as its study does
+_OF_RUN = ("disturbance.", "sensors.")  # disturbances by keys of the run, which its study has, too
 _FAR = 0.5
-"""Share of every limit up to which walks stay far below [1]."""
+"""Walks that use a smaller share of every limit stay far below them [1]."""
 _ROUNDING = 1e-9
 """Share beyond a limit that is rounding, as of a friction that is used up [1]."""
 

@@ -154,7 +154,8 @@ _OF_PROFILES = (
     *(f"disturbance.push_{axis}" for axis in "xyz"),
     "sensors.estimator",
     "sensors.fix_rate",
-)  # they decide on one
+)
+"""Keys that decide on the profile of a run."""
 
 
 class SweepDefinition(Section, section="sweep"):
@@ -225,7 +226,7 @@ class SweepDefinition(Section, section="sweep"):
         return self._shared({})
 
     def suited(self, run: int) -> RunParameters:
-        """What a run shares with others: values of a robot suit its engine, and exact sensors or others."""
+        """What a run shares with others; a robot's own values depend on the engine and on exact sensors."""
         gait, varied = self.gait_of(run), self.varied(run)
         changed = {key: varied[key] for key in varied if key == ENGINE_KEY or key.startswith("sensors.")}
         with suppress(InputError):  # keys that do not go together
@@ -446,7 +447,7 @@ def _values(key: str, value: Any) -> Range | tuple[Option, ...]:
 
 
 def _checked(key: str, value: Any) -> Option:
-    """A value of TOML as its key has it, by the rules of run files."""
+    """A value of TOML in the type of its key, checked by the rules of run files."""
     field_of(key)
     section, name, *option = key.split(".")
     found = getattr(SECTIONS[section](**{name: dict.fromkeys(option, value) if option else value}), name)
