@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from ampm.body.orbit import solve_motion
@@ -123,7 +122,7 @@ def walk_planned(
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         comparison = replace(comparison, relative=run.sensors.relative)
-        values = MappingProxyType(evaluate(comparison))
+        values = evaluate(comparison)
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
     texts += map(describe, disturbances)
