@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.geometry import Array, blocks, polygon_margin
+from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.contacts import footprint
 from ampm.planner.newton import check_newton
-from ampm.planner.support import StepPlan
 from ampm.walk import WalkPlan
 
 _SAME = 1e-9  # time before a row that counts as the row [s]
@@ -104,49 +102,3 @@ class FrozenPlan:
         until = min(float(times[-1]), plan.duration)
         margin = plan.least_zmp_margin(until) if exact else None
         return cls(plan, PlanRows.of(plan, times), check_newton(plan), margin)
-
-
-NEXT = 3
-"""Phases of a plan made on the way in which the ZMP is checked: what is planned for later will change."""
-_OFF = 5e-3  # most distance of a sole point on the floor from its footstep [m]
-_OUTSIDE = 0.02  # most distance of the ZMP from the support [m]: an optimised plan may leave it a little
-PUSHED_OUTSIDE = 0.1
-"""The same for a plan made on the way [m]: after a push a ZMP inside the support may not suffice."""
-_POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's sole points
-
-
-def check_contacts(
-    plan: StepPlan, after: float = 0.0, phases: int | None = None, outside: float = _OUTSIDE
-) -> None:
-    """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
-
-    Feet are checked in all phases ``after`` a time [s], the ZMP in the first ``phases`` of them, by default
-    in all. The ZMP may be ``outside`` the support by this distance [m].
-    """
-    ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after]
-    times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])
-    feet = plan.feet.sample(times)
-    for row, phase in enumerate(ahead):
-        for side, footstep, foot in zip(("left", "right"), (phase.left, phase.right), feet, strict=True):
-            touching = foot.contact[row].repeat(2)
-            if bool(footstep) != touching.any():
-                ways = ("in the air", "on the floor")
-                raise ValueError(
-                    f"at {times[row]:.4g} s its contacts have the {side} foot {ways[bool(footstep)]}, and "
-                    f"the path of the foot has it {ways[not footstep]}"
-                )
-            if footstep:
-                corners = footprint(plan.feet.sole, footstep)[_POINTS]
-                off = np.linalg.norm(foot.sole_points[row, :, :2] - corners, axis=1)[touching].max()
-                if off > _OFF:
-                    raise ValueError(
-                        f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off its footstep"
-                    )
-    times = times[:phases]
-    margin = polygon_margin(*plan.points_in_contact(times), plan.sample(times).zmp)
-    worst = int(margin.argmin())
-    if margin[worst] < -outside:
-        raise ValueError(
-            f"at {times[worst]:.4g} s its ZMP is {-margin[worst]:.3g} m outside its support, more than "
-            f"{outside:g} m; keep it in the soles that stand"
-        )

@@ -357,7 +357,7 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
 
 def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
-    from validation.trial.frozen_plan import check_contacts  # imported here as plan_walk's
+    from ampm.planner.support import check_contacts  # imported here as plan_walk's
 
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}

@@ -8,15 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.parameters import RunParameters
+from ampm.planner.support import check_contacts
 from ampm.reference import Reference, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
-from validation.trial.frozen_plan import NEXT, PUSHED_OUTSIDE, FrozenPlan, check_contacts
+from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
 from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
+_NEXT = 3  # phases of a new plan in which the ZMP is checked: what is planned for later will change
+_OUTSIDE = 0.1  # most distance of its ZMP from the support [m]: after a push a ZMP inside may not suffice
 _LATE = 0.02  # most time from asking for a plan to its begin [s]: a row of samples at 50 Hz
 
 
@@ -116,7 +119,7 @@ class References(Course):
                 raise ValueError(
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
-            check_contacts(plan, time, NEXT, PUSHED_OUTSIDE)
+            check_contacts(plan, time, _NEXT, _OUTSIDE)
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:
