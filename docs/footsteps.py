@@ -54,44 +54,31 @@ def walks(length: float, width: float, climb: float) -> dict[str, list[Footstep]
     return found
 
 
-def slalom(
-    steps: int, length: float, angle: float, period: int, width: float, *, toe_out: float = routes.TOE_OUT
-) -> list[Footstep]:
+def slalom(steps: int, length: float, angle: float, period: int, width: float) -> list[Footstep]:
     """A wavy line: the heading swings by ``angle`` [rad] to either side once in ``period`` steps."""
     frames: list[routes.Frame] = [(0.0, 0.0, 0.0)]
     for k in range(1, steps):
         x, y, _ = frames[-1]
         heading = angle * math.sin(2.0 * math.pi * k / period)
         frames.append((x + length * math.cos(heading), y + length * math.sin(heading), heading))
-    return routes.route(frames, width, toe_out=toe_out)
+    return routes.route(frames, width, toe_out=routes.TOE_OUT)
 
 
-def stones(
-    steps: int, length: float, width: float, *, spread: float = 0.25, aside: float = 0.3, seed: int = 0
-) -> list[Footstep]:
-    """Uneven steps ahead: lengths and widths uniform about their means.
-
-    Args:
-        steps: how many.
-        length: mean of the steps' lengths [m].
-        width: mean lateral distance of the feet [m].
-        spread: largest deviation of a step's length, as a share.
-        aside: largest deviation of the width, as a share.
-        seed: of the numbers.
-    """
+def stones(steps: int, length: float, width: float, seed: int) -> list[Footstep]:
+    """Uneven steps ahead: lengths and widths [m] differ from their means by up to 25 % and 30 %."""
     generator = np.random.default_rng(seed)
     footsteps = routes.straight(steps, length, width)
     x = 0.0
     for k in range(2, len(footsteps)):
         last = k == len(footsteps) - 1
-        x += 0.0 if last else length * (1.0 + spread * generator.uniform(-1.0, 1.0))
-        y = 0.5 * width * (1.0 + aside * generator.uniform(-1.0, 1.0))
+        x += 0.0 if last else length * (1.0 + 0.25 * generator.uniform(-1.0, 1.0))
+        y = 0.5 * width * (1.0 + 0.3 * generator.uniform(-1.0, 1.0))
         foot = footsteps[k].foot
         footsteps[k] = Footstep(foot, (float(x), float(y if foot == "left" else -y), 0.0))
     return footsteps
 
 
-def tour(steps: int, length: float, width: float, *, seed: int = 0) -> list[Footstep]:
+def tour(steps: int, length: float, width: float, seed: int) -> list[Footstep]:
     """Uneven steps ahead, arcs, turns in place, sidesteps and steps back, in any order.
 
     Arcs have a radius of two steps. A step in place separates what goes ahead, aside and back.

@@ -32,8 +32,6 @@ def picture_of_recording(
     *,
     timeline: str = "sim_time",
     port: int = 9911,
-    box: tuple[int, int, int, int] | None = None,
-    width: int | None = None,
 ) -> None:
     """Save the viewer's picture of a recording at one time.
 
@@ -43,8 +41,6 @@ def picture_of_recording(
         target: PNG to write.
         timeline: name of the timeline.
         port: a free TCP port.
-        box: part that is kept: left, top, right, bottom [px]; all of it if not given.
-        width: of the picture [px]; as large as it is drawn if not given.
     """
     rerun = Path(sys.executable).with_name("rerun")
     with (
@@ -63,9 +59,7 @@ def picture_of_recording(
                 viewer.save_screenshot(str(shot))
                 break
         image = Image.open(shot).convert("RGB")
-        image = image.crop((0, MENU_BAR, image.width, image.height - TIME_PANEL)).crop(box)
-        if width:
-            image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+        image = image.crop((0, MENU_BAR, image.width, image.height - TIME_PANEL))
         image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
 
 

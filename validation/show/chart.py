@@ -76,7 +76,7 @@ class Chart:
         """Give the chart its title, and the axes their labels."""
         self.title, self.xlabel, self.ylabel = title, xlabel, ylabel
 
-    def instant(self, x: float, color: str, width: float = 0.7, *, dash: str = "") -> None:
+    def instant(self, x: float, color: str, width: float = 0.7, *, dash: str) -> None:
         """Draw a vertical line from edge to edge."""
         self.line([x, x], [-np.inf, np.inf], color, width, dash=dash)
 

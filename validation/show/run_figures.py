@@ -21,6 +21,7 @@ from validation.store.signals import Signals
 from validation.table import short_unit
 
 _FEET = {"left": LEFT, "right": RIGHT}
+_STEPS, _MOTORS = 4, 16  # steps seen from above, and motors whose torque is drawn
 _KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured", MEASURED, 1.1, ""))
 """Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
 _DASHES = ("", DASHED, "1 2")
@@ -215,13 +216,13 @@ class RunFigures:
         chart.name("", f"error along {axis} [mm]")
         return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", "Grey: double support.")
 
-    def top_view(self, steps: int = 4) -> Picture:
+    def top_view(self) -> Picture:
         """ZMP and COM over the footprints, seen from above: steps around the stride, or all from rest."""
         is_whole = self.saved.from_rest
         bounds = [*self.signals.switches()[::2].tolist(), len(self.signals)]
         centre = int(np.searchsorted(bounds, (self.window.start + self.window.stop) // 2))
-        begin = max(0, min(centre - steps // 2, len(bounds) - 1 - steps))
-        end = min(begin + steps, len(bounds) - 1)
+        begin = max(0, min(centre - _STEPS // 2, len(bounds) - 1 - _STEPS))
+        end = min(begin + _STEPS, len(bounds) - 1)
         rows = slice(None) if is_whole else slice(bounds[begin], bounds[end])
         kind = "measured" if self.saved.is_free else "plan"
         com = self.signals.vector(f"{kind}_com", "xy")[rows]
@@ -244,17 +245,17 @@ class RunFigures:
         chart.equal = True
         chart.name("", "y, left [m]", "x, forward [m]")
         caption = "The other figures' stride and a step on either side."
-        if is_whole or len(bounds) - 1 <= steps:
+        if is_whole or len(bounds) - 1 <= _STEPS:
             caption = "The whole walk."
         above = "ZMP and COM over the footprints" if self.plan is not None else "ZMP and COM"
         return Picture(charts, f"{above}, seen from above", caption, wide=True)
 
-    def torque_use(self, most: int = 16) -> Picture:
+    def torque_use(self) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
         (chart,) = charts = new_charts(3.9, left=1.45)
         share = 100.0 * np.abs(record.tick_torque) / record.torque_limit
-        order = np.argsort(share.max(axis=0))[::-1][:most]
+        order = np.argsort(share.max(axis=0))[::-1][:_MOTORS]
         peak, rms = share.max(axis=0)[order], np.sqrt((share**2).mean(axis=0))[order]
         for values, half, opacity, label in ((peak, 0.35, 0.45, "largest"), (rms, 0.16, 1.0, "RMS")):
             for row, value in enumerate(values):

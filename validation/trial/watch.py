@@ -58,7 +58,7 @@ class Stance(NamedTuple):
     planned_trunk: Array  # of the planned motion, shape (3,)
     planned_soles: Array  # shape (2, 3) [m]
 
-    def fallen(self, scale: float = 1.0) -> str:
+    def fallen(self, scale: float) -> str:
         """How the body has fallen, in words; empty if it stands. ``scale`` is its stature over 1.70 m."""
         # One layout, however the sites of the soles lie in memory.
         height, apart, upright = posture(self._replace(soles=np.ascontiguousarray(self.soles)))

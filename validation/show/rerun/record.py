@@ -357,7 +357,7 @@ def plain_text(text: str) -> str:
     return text.encode("latin-1", errors="replace").decode("latin-1")
 
 
-def _on_floor(xy: Array, floor: Array | float = 0.0) -> Array:
+def _on_floor(xy: Array, floor: Array | float) -> Array:
     """Points (N, 2) on a floor of a height [m], lifted slightly above its lines."""
     return np.column_stack([xy, np.full(len(xy), 0.002) + floor])
 
