@@ -12,7 +12,7 @@ from tests.saved_run import make_study
 from validation.cli.app import Status, call
 from validation.judge.metric import DEFAULT_BODY
 from validation.judge.profiles import DEFAULT
-from validation.judge.uncertainty import FILE, load_uncertainty, matching
+from validation.judge.uncertainty import CONVERGENCE_FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready, write_json
@@ -125,13 +125,13 @@ def test_a_margin_below_the_spread_over_contact_laws_is_undecided(margin, undeci
 
 
 def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_path, result):
-    write_json(tmp_path / FILE, result.as_dict())
-    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+    write_json(tmp_path / CONVERGENCE_FILE, result.as_dict())
+    assert [path.name for path in tmp_path.iterdir()] == [CONVERGENCE_FILE]
     assert "| unsolved QPs |" in result.tables()[0].markdown()
-    known = load_uncertainty(tmp_path / FILE)
+    known = load_uncertainty(tmp_path / CONVERGENCE_FILE)
     assert load_uncertainty(str(tmp_path)) == known
     assert (known.values, known.spreads) == (result.uncertainty.values, result.uncertainty.spreads)
-    table = json.loads((tmp_path / FILE).read_text())
+    table = json.loads((tmp_path / CONVERGENCE_FILE).read_text())
     assert table["levels"]["time_step"]["values"] == [0.002, 0.001, 0.0005, 0.00025]
     assert table["metrics"]["zmp_x_rmse"]["estimates"]["time_step"]["order"] == pytest.approx(1.0)
     assert matching([known], load_request("normal", [*COARSE, "gait.steps=30"])) is known

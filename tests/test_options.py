@@ -13,10 +13,10 @@ from tests.sweep_table import parse_sweep
 from tests.test_study_kills import forget
 from validation.store.environment import parameter_values
 from validation.study.many import Task
+from validation.study.one_walk import own_classes
 from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
-from validation.study.walk_options import own_classes
 from validation.trial.plan import load_request, plan_walk
 
 SOFT = f"{__name__}:Soft"

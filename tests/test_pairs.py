@@ -22,7 +22,7 @@ from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare import comparison
 from validation.study.compare.comparison import JUDGED, SHARE, SHARE_OF_ERRORS, MetricRow, Side, comparison_of
-from validation.study.compare.report import NUMBERS, REPORT, load_comparison, render
+from validation.study.compare.report import COMPARISON_FILE, REPORT, load_comparison, render
 from validation.study.robustness.cells import Cell
 from validation.study.robustness.result import CellResult, Robustness
 
@@ -43,7 +43,7 @@ def sides(folders):
 def test_finished_runs_of_two_planners(folders, tmp_path, ampm):
     out = tmp_path / "both"
     answer = ampm("compare", *folders, "--out", out, "--json")
-    found, kept = answer.json, json.loads((out / NUMBERS).read_text(encoding="utf-8"))
+    found, kept = answer.json, json.loads((out / COMPARISON_FILE).read_text(encoding="utf-8"))
     assert answer.status == 0
     assert kept == found | {"walks": kept["walks"]}  # with the places of the runs
     zmp = found["metrics"]["zmp_x_rmse"]
@@ -72,7 +72,7 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert [walk["label"] for walk in first.json["walks"]] == ["ampm", "ipm.csv"]
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert (out / "walk-2" / REPORT).is_file()
-    monkeypatch.setattr("validation.study.walk_options.walk_request", lambda *_, **__: pytest.fail("walked"))
+    monkeypatch.setattr("validation.study.one_walk.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
 
 

@@ -54,9 +54,9 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     found, walked = climbed(FRICTION, 5, answer)
     assert [value for value, _ in walked] == [0.8] * 5 + [0.6] * 5 + [0.4] * 2  # the rest need not be walked
     assert (found.survived, found.cause) == (0.6, FELL)
-    assert found.cells()[2:] == ("0.6", "fell: the trunk leaned 60 degrees off the planned one")
+    assert found.row()[2:] == ("0.6", "fell: the trunk leaned 60 degrees off the planned one")
     every, _ = climbed(FRICTION, 1, lambda value, replica: row())
-    assert every.cells()[2] == "0.2 (all tried)"
+    assert every.row()[2] == "0.2 (all tried)"
     none, walked = climbed(FRICTION, 3, lambda value, replica: row(FELL))
     assert (none.survived, none.cause, len(walked)) == (None, FELL, 1)
     broken = climb(FRICTION, 1, lambda value, replica: row("broke") | {"outcome": "crashed"})
@@ -74,8 +74,8 @@ def test_the_table_and_the_files(tmp_path):
     cause = "fell: the trunk leaned 60 degrees off the planned one"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "")
-    write_json(tmp_path / robustness.RESULT, found.as_dict())
-    written = json.loads((tmp_path / robustness.RESULT).read_text())
+    write_json(tmp_path / robustness.ROBUSTNESS_FILE, found.as_dict())
+    written = json.loads((tmp_path / robustness.ROBUSTNESS_FILE).read_text())
     assert written == found.as_dict()
     assert written["cells"][0]["survived"] == 0.4
 

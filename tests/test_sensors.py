@@ -19,7 +19,7 @@ from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
 from validation.judge.compare import _from_standing_foot
-from validation.study.walk_options import own_classes
+from validation.study.one_walk import own_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
 

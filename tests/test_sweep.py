@@ -13,7 +13,7 @@ from ampm.parameters import RunParameters
 from tests.sweep_table import make_table, parse_sweep
 from validation.cli.app import call
 from validation.store.environment import parameter_values, run_key
-from validation.study import walk_options
+from validation.study import one_walk
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep
@@ -168,8 +168,8 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
             class outcome:
                 name = "interrupted"
 
-    monkeypatch.setattr(walk_options, "plan_walk", lambda *_, **__: None)
-    monkeypatch.setattr(walk_options, "walk_planned", lambda *_, **__: Interrupted)
+    monkeypatch.setattr(one_walk, "plan_walk", lambda *_, **__: None)
+    monkeypatch.setattr(one_walk, "walk_planned", lambda *_, **__: Interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.walk_run(request=None)
 

@@ -15,7 +15,7 @@ from validation.store.json import json_ready
 from validation.store.summary import read_json
 from validation.trial.plan import Request
 
-FILE = "convergence.json"
+CONVERGENCE_FILE = "convergence.json"
 RELATIVE_FLOOR = 1e-6
 """Share of a metric's value below which a difference is rounding [1].
 
@@ -63,9 +63,9 @@ class Uncertainty:
 
 def load_uncertainty(path: str | Path) -> Uncertainty:
     """Read the ``convergence.json`` of ``ampm convergence``, or of a folder; InputError if it cannot."""
-    file = Path(path, FILE) if Path(path).is_dir() else Path(path)
+    file = Path(path, CONVERGENCE_FILE) if Path(path).is_dir() else Path(path)
     kind = create_model("File", uncertainty=Uncertainty)
-    way_out = f"give --uncertainty the {FILE} that 'ampm convergence --out' writes"
+    way_out = f"give --uncertainty the {CONVERGENCE_FILE} that 'ampm convergence --out' writes"
     found: Uncertainty = read_json(file, kind, way_out)[1].uncertainty
     if not found.values:
         raise InputError(f"--uncertainty {file} holds no metrics: its walk did not complete; study again.")
@@ -80,5 +80,5 @@ def matching(known: Sequence[Uncertainty], request: Request) -> Uncertainty:
     listed = "; ".join(f"{item.gait} ({text})" for item, text in zip(known, differences, strict=True))
     raise InputError(
         f"--uncertainty has no study of {request.name}, only of {listed}; run 'ampm convergence' with "
-        f"the gait and the --set of this run, and give its {FILE}."
+        f"the gait and the --set of this run, and give its {CONVERGENCE_FILE}."
     )

@@ -21,8 +21,8 @@ from validation.show.page import render_page
 from validation.show.paper import cite_run, digest_of
 from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
-from validation.study.compare.report import NUMBERS, load_comparison
-from validation.study.robustness.result import RESULT, load_robustness
+from validation.study.compare.report import is_comparison, load_comparison
+from validation.study.robustness.result import ROBUSTNESS_FILE, load_robustness
 from validation.table import Table, own_rows
 from validation.trial.files import RunFile
 
@@ -104,10 +104,10 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     """Name of a check, and what the folder of a study of a walk found."""
     run, runs, fits = saved.parameters, list[SavedRun](), False
     walk = saved.title, run.body.source, run.controller.name
-    if (folder / RESULT).is_file():
+    if (folder / ROBUSTNESS_FILE).is_file():
         study = load_robustness(folder)
         name, found, fits = "robustness", study.title, (study.gait, study.body, study.controller) == walk
-    elif (folder / NUMBERS).is_file():
+    elif is_comparison(folder):
         runs = [side.run for side in load_comparison(folder).sides]
         verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}
         name, found = "engine", ", ".join(f"{engine}: {verdict}" for engine, verdict in verdicts.items())

@@ -26,9 +26,9 @@ from validation.progress import Progress, interruption
 from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
+from validation.study.one_walk import own_classes, users_files
 from validation.study.pool import attempt, open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
-from validation.study.walk_options import own_classes, users_files
 
 
 @dataclass(frozen=True)

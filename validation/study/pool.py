@@ -33,8 +33,8 @@ from validation.judge.metrics import add_metrics, added_metrics
 from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
+from validation.study.one_walk import own_classes
 from validation.study.row_file import Row
-from validation.study.walk_options import own_classes
 from validation.trial.users import SENT, UsersError
 
 STARTED = "ampm-run-started"

@@ -30,8 +30,8 @@ from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.many import Execution, Task, study_folder, walk_many
+from validation.study.one_walk import keep_run
 from validation.study.robustness.result import Robustness, load_robustness
-from validation.study.walk_options import keep_run
 from validation.table import USED, Table, Tabled, format_share, format_value, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
@@ -311,7 +311,7 @@ class WalkComparison(Tabled):
     def _robustness(self) -> Iterator[Table]:
         """Largest disturbance that the gait of each walk survives, where it was studied."""
         studies = {side.label: side.robustness for side in self.sides if side.robustness}
-        units = {item.cell.name: item.cells()[1] for study in studies.values() for item in study.cells}
+        units = {item.cell.name: item.row()[1] for study in studies.values() for item in study.cells}
         rows = [(key, unit, *(one.survived(key) for one in studies.values())) for key, unit in units.items()]
         if rows:
             notes = [f"{label}: {study.title}." for label, study in studies.items()]

@@ -27,12 +27,12 @@ from validation.study.compare.sweeps import SweepComparison
 from validation.study.robustness.result import Robustness
 from validation.trial.files import RunFile
 
-REPORT, NUMBERS = RunFile.REPORT, "comparison.json"
+REPORT, COMPARISON_FILE = RunFile.REPORT, "comparison.json"
 
 
 def is_comparison(folder: Path) -> bool:
     """Whether a folder is one of a comparison."""
-    return (folder / NUMBERS).is_file()
+    return (folder / COMPARISON_FILE).is_file()
 
 
 def load_comparison(folder: Path) -> WalkComparison:
@@ -44,7 +44,7 @@ def load_comparison(folder: Path) -> WalkComparison:
     walk: Any = create_model("Walk", label=str, run=str, **studies)
     kind = create_model("Numbers", walks=list[walk])
     way_out = "run 'ampm compare' again; that of sweeps has no pictures"
-    walks = read_json(folder / NUMBERS, kind, way_out)[1].walks
+    walks = read_json(folder / COMPARISON_FILE, kind, way_out)[1].walks
     sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
     return comparison_of(list(sides))
 
@@ -57,7 +57,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
         entry["run"] = os.path.relpath(side.run.directory, folder)
         if not all((side.run.directory / name).is_file() for name in (RunFile.REPORT, RunFile.RECORDING)):
             draw_run(side.run.directory, side.label)
-    write_json(folder / NUMBERS, numbers)
+    write_json(folder / COMPARISON_FILE, numbers)
     with output_file(folder / REPORT) as work:
         work.write_text(render(result, folder), encoding="utf-8")
     return folder / REPORT

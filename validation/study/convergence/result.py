@@ -118,14 +118,14 @@ class Convergence(Tabled):
         numbers = (">value ± u_num", ">limit", "unit", "verdict", ">finest step", "observed order")
         columns = ("metric", *numbers, ">extrapolated", ">spread")
         rows = [
-            self._cells(item)
+            self._row(item)
             for item in self.metrics.values()
             if item.tolerance is not None or item.name in _ALSO
         ]
         ended = f"{self.request.name}: {verdict.name.replace('_', ' ').upper()}  {verdict.reason}"
         return [Table(title, columns, rows, [*_NOTES, *self.notes, ended])]
 
-    def _cells(self, item: MetricResult) -> tuple[str, ...]:
+    def _row(self, item: MetricResult) -> tuple[str, ...]:
         """Row of a metric."""
 
         def shown(value: float | None, digits: int = 3) -> str:

@@ -8,14 +8,14 @@ from typing import Any, Unpack
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.judge.profiles import find_profile, own_profile
-from validation.judge.uncertainty import FILE
+from validation.judge.uncertainty import CONVERGENCE_FILE
 from validation.store.environment import parameter_values
 from validation.store.json import write_json
 from validation.study.convergence.result import OWN, Convergence, Study, combine
 from validation.study.many import Execution, Task, study_folder, walk_many
+from validation.study.one_walk import walk_request
 from validation.study.row_file import Row
 from validation.study.sweep.design import ENGINE_KEY
-from validation.study.walk_options import walk_request
 from validation.table import own_rows
 from validation.trial.engine import check_drake
 from validation.trial.plan import Request, load_request, plan_walk
@@ -69,7 +69,7 @@ def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParamete
 
 
 def walk_level(**options: Any) -> Row:
-    """Walk one level; the options are those of :func:`validation.study.walk_options.walk_request`.
+    """Walk one level; the options are those of :func:`validation.study.one_walk.walk_request`.
 
     Returns:
         ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of
@@ -119,5 +119,5 @@ def convergence(
     walks = {row["key"]: row for row in walk_many(tasks, label=f"{request.name}: convergence", **execution)}
     result = combine(request, limits, found, {task: walks[task] for task in runs})
     if folder is not None:
-        write_json(folder / FILE, result.as_dict())
+        write_json(folder / CONVERGENCE_FILE, result.as_dict())
     return result

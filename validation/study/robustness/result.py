@@ -11,7 +11,7 @@ from validation.store.summary import read_json
 from validation.study.robustness.cells import DURATION, Cell
 from validation.table import Table, Tabled
 
-RESULT = "robustness.json"
+ROBUSTNESS_FILE = "robustness.json"
 NEEDED = 0.8
 """Share of the replicas that has to survive."""
 
@@ -24,7 +24,7 @@ class CellResult:
     survived: float | None = None  # worst value survived with all milder ones; None if there is none
     cause: str = ""  # how a walk of the first value that was not survived ended; empty if there is none
 
-    def cells(self) -> tuple[str, ...]:
+    def row(self) -> tuple[str, ...]:
         """Row of the table; angles in degrees."""
         value, unit = self.survived, self.cell.unit
         if unit == "rad":
@@ -54,7 +54,7 @@ class Robustness(Tabled):
 
     def survived(self, name: str) -> str:
         """Largest value of a disturbance that was survived, for tables; empty if it was not studied."""
-        return next((item.cells()[2] for item in self.cells if item.cell.name == name), "")
+        return next((item.row()[2] for item in self.cells if item.cell.name == name), "")
 
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain values; those of a cell in the unit of its key, of pushes in m/s."""
@@ -64,7 +64,7 @@ class Robustness(Tabled):
         """Largest value survived of every disturbance."""
         note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all milder ones."
         columns = ("disturbance", "unit", "survived", "first failure")
-        rows = [item.cells() for item in self.cells]
+        rows = [item.row() for item in self.cells]
         return [Table(self.title, columns, rows, (note, *self.crashes))]
 
 
@@ -77,5 +77,5 @@ def needed(replicas: int) -> int:
 
 def load_robustness(path: Path) -> Robustness:
     """Read ``robustness.json``, or that of a folder; InputError if there is none, or it is damaged."""
-    file = path / RESULT if path.is_dir() else path
-    return read_json(file, Robustness, f"give a {RESULT} of 'ampm robustness --out'")[1]
+    file = path / ROBUSTNESS_FILE if path.is_dir() else path
+    return read_json(file, Robustness, f"give a {ROBUSTNESS_FILE} of 'ampm robustness --out'")[1]

@@ -13,7 +13,7 @@ from validation.store.json import write_json
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.pool import attempt
 from validation.study.robustness.cells import DURATION, Cell, chosen, other_cells, push_cells, push_instant
-from validation.study.robustness.result import RESULT, CellResult, Robustness, needed
+from validation.study.robustness.result import ROBUSTNESS_FILE, CellResult, Robustness, needed
 from validation.study.row_file import Row
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
@@ -163,7 +163,7 @@ def robustness(
         crashes=tuple(crashes),
     )
     if folder is not None:
-        write_json(folder / RESULT, found.as_dict())
+        write_json(folder / ROBUSTNESS_FILE, found.as_dict())
     return found
 
 

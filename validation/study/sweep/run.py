@@ -19,13 +19,13 @@ from validation.store.folders import output_file
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
+from validation.study.one_walk import keep_run, own_classes, walk_request
 from validation.study.pool import error_columns
 from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
 from validation.study.sweep.report import write_sweep_report
 from validation.study.sweep.schema import walk_columns
 from validation.study.sweep.table import RunState, SweepFile, SweepTable, build_table, key_of
-from validation.study.walk_options import keep_run, own_classes, walk_request
 from validation.table import Table, Tabled, format_duration
 from validation.trial.plan import Request, check_formula
 from validation.trial.users import UsersError
@@ -90,13 +90,13 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 
 
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Arguments of :func:`validation.study.walk_options.walk_request`."""
+    """Arguments of :func:`validation.study.one_walk.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
     return {"request": request, "profile": definition.judge.name}
 
 
 def walk_run(**options: Any) -> Row:
-    """Walk one run on a worker, see :func:`validation.study.walk_options.walk_request`."""
+    """Walk one run on a worker, see :func:`validation.study.one_walk.walk_request`."""
     trial = walk_request(**options)
     if trial.record.outcome.name == "crashed":  # an error of the user's code is no result about the gait
         raise UsersError(trial.record.outcome.cause)
