@@ -6,12 +6,11 @@ Rows that the file has are kept, so that a study that was stopped goes on: remov
 Half an hour on an idle core, most of it Drake's walks at 0.5 ms. G1 needs the extra `robots`.
 """
 
-import csv
 import sys
 from itertools import product
 from pathlib import Path
 
-from trials import AGREEMENT, DATA, agreement, ending, write_rows
+from trials import AGREEMENT, agreement, ending, read_rows, write_rows
 
 import validation as val
 from ampm.presets import preset_names
@@ -20,7 +19,6 @@ from validation.table import Table
 from validation.trial.plan import load_request
 
 PAGE = Path(__file__).with_suffix(".md")
-FILE = DATA / "engines.csv"
 STEPS = 30
 TIME_STEPS = (0.002, 0.0005)
 ENGINES = {"mujoco": "MuJoCo", "drake": "Drake"}
@@ -36,10 +34,7 @@ Row = dict[str, str]
 
 def main() -> None:
     """Walk what the file lacks, and rewrite the page's table."""
-    rows: dict[tuple[str, ...], Row] = {}
-    if FILE.exists():
-        with FILE.open(encoding="utf-8", newline="") as file:
-            rows = {tuple(row[key] for key in KEYS): row for row in csv.DictReader(file)}
+    rows: dict[tuple[str, ...], Row] = {tuple(row[key] for key in KEYS): row for row in read_rows("engines")}
     for time_step, gait, engine in product(TIME_STEPS, GAITS, ENGINES):
         key = (gait, str(time_step), engine)
         if key not in rows:

@@ -6,12 +6,11 @@ Rows that the file has are kept, so that a study that was stopped goes on: remov
 Ten minutes on an idle core.
 """
 
-import csv
 import sys
 from pathlib import Path
 from typing import Any
 
-from trials import DATA, agreement, ending, write_rows
+from trials import agreement, ending, read_rows, write_rows
 
 import ampm
 import validation as val
@@ -19,7 +18,6 @@ from benchmarks.page import replace_between
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
-FILE = DATA / "floors.csv"
 STEPS = 30
 STEEP, UNKNOWN = 0.0524, 0.0349  # 3 and 2 degrees
 KNOWN = {
@@ -68,10 +66,7 @@ def main() -> None:
                 "disturbance": unknown,
                 "controller": {"stabilizer": stabilizer},
             }
-    rows: dict[Row, Row] = {}
-    if FILE.exists():
-        with FILE.open(encoding="utf-8", newline="") as file:
-            rows = {tuple(row[:3]): tuple(row) for row in list(csv.reader(file))[1:]}
+    rows: dict[Row, Row] = {row[:3]: row for row in (tuple(row.values()) for row in read_rows("floors"))}
     for case, sections in cases.items():
         if case not in rows:
             run = ampm.load_run(case[0], **sections | {"gait": {"steps": STEPS, **sections["gait"]}})

@@ -9,7 +9,6 @@ Two hours on two idle cores. Finished walks are kept in build/league, so a stopp
 
 from __future__ import annotations
 
-import csv
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from figures import save_figure, style
 from matplotlib.figure import Figure
-from trials import DATA, write_rows
+from trials import read_rows, write_rows
 
 import validation as val
 from benchmarks.page import replace_between
@@ -59,7 +58,7 @@ def main() -> None:
         os.chdir(ROOT)  # the planners are examples.planners
         val.sweep(league(), out=KEPT, resume=KEPT.exists(), progress=Narrator())
         write_rows("league", [COLUMNS, *rows_of(val.rank(KEPT))])
-    found = read()
+    found = read_rows("league")
     page = PAGE.read_text(encoding="utf-8")
     for name, pushed in TABLES.items():
         page = replace_between(page, name, overview(found, pushed=pushed).markdown())
@@ -94,12 +93,6 @@ def rows_of(ranking: Ranking) -> list[tuple[str, ...]]:
         )
         for cell in ranking.cells
     ]
-
-
-def read() -> list[Row]:
-    """The data as they were written last."""
-    with (DATA / "league.csv").open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def overview(rows: Sequence[Row], *, pushed: bool) -> Table:

@@ -9,7 +9,6 @@ minimise the squares of all violations over their tolerances. ``motion found`` m
 tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex.
 """
 
-import csv
 import sys
 import time
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
-from trials import DATA, write_rows
+from trials import DATA, read_rows, write_rows
 
 import validation as val
 from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, LIMITS
@@ -36,8 +35,6 @@ from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import tune
 from validation.study.sweep.design import load_sweep
 from validation.trial.plan import make_body, own_gait
-
-FILE = DATA / "referee.csv"
 
 NODES = (22, 10)
 """Intervals in single and in double support."""
@@ -482,14 +479,10 @@ def main() -> None:
 
 def write(row: tuple[str, ...]) -> None:
     """Replace or add a row of the data."""
-    rows = {}
-    if FILE.exists():
-        with FILE.open(encoding="utf-8", newline="") as file:
-            rows = {tuple(line[:2]): tuple(line) for line in list(csv.reader(file))[1:]}
+    rows = {line[:2]: line for line in (tuple(line.values()) for line in read_rows("referee"))}
     rows[row[:2]] = row
-    write_rows(
-        FILE.stem, [COLUMNS, *sorted(rows.values(), key=lambda line: (line[0] != "human", int(line[1])))]
-    )
+    ordered = sorted(rows.values(), key=lambda line: (line[0] != "human", int(line[1])))
+    write_rows("referee", [COLUMNS, *ordered])
 
 
 if __name__ == "__main__":

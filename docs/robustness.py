@@ -7,9 +7,10 @@ build/robustness, so a study that was stopped goes on.
 """
 
 import argparse
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from trials import read_rows, write_rows
 
 from benchmarks.page import replace_between
 from validation.cli.console import Narrator
@@ -19,7 +20,6 @@ from validation.study.robustness.study import REPLICAS, robustness
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")
-DATA = PAGE.parent / "data" / "robustness.csv"
 KEPT = PAGE.parents[1] / "build" / "robustness"
 STABILIZERS = ("fixed", "stepping")
 PUSH = ("direction", ">fixed", ">stepping")
@@ -34,8 +34,7 @@ Studies = Mapping[str, tuple[Robustness, Robustness]]
 
 def write_table() -> None:
     """Rewrite the table of the page from the data file."""
-    with DATA.open(encoding="utf-8", newline="") as file:
-        found = {(row["stabilizer"], row["cell"]): row for row in csv.DictReader(file)}
+    found = {(row["stabilizer"], row["cell"]): row for row in read_rows("robustness")}
     page = replace_between(PAGE.read_text(encoding="utf-8"), "pushes", _pushes(found).markdown())
     PAGE.write_text(page, encoding="utf-8")
 
@@ -59,13 +58,12 @@ def _range(values: Sequence[float]) -> str:
 
 def write(studies: Studies) -> None:
     """Rewrite page and data."""
-    with DATA.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        names = ("cell", "unit", "survived", "cause")
-        table.writerow(("stabilizer", *names))
-        for name, (pushes, others) in studies.items():
-            for item in (*pushes.cells, *others.cells):
-                table.writerow((name, item.cell.name, item.cell.unit, item.survived, item.cause))
+    rows = [
+        (name, item.cell.name, item.cell.unit, item.survived, item.cause)
+        for name, (pushes, others) in studies.items()
+        for item in (*pushes.cells, *others.cells)
+    ]
+    write_rows("robustness", [("stabilizer", "cell", "unit", "survived", "cause"), *rows])
     write_table()
 
 

@@ -6,7 +6,6 @@ Rows that the file has are kept, so that a study that was stopped goes on: remov
 Ten minutes on an idle core. G1 needs the extra `robots`.
 """
 
-import csv
 import math
 import sys
 from collections import Counter
@@ -14,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trials import DATA, ending, write_rows
+from trials import ending, read_rows, write_rows
 
 import ampm
 import validation as val
@@ -22,7 +21,6 @@ from benchmarks.page import replace_between
 from validation.table import Table
 
 PAGE = Path(__file__).with_suffix(".md")
-FILE = DATA / "sensors.csv"
 STEPS = 30
 GAITS = ("normal", "momentum", "g1")
 KALMAN = {"estimator": "kalman"}
@@ -99,10 +97,7 @@ SHOWN = (
 
 def main() -> None:
     """Walk the rows that the file lacks, and write all."""
-    found: dict[tuple[str, ...], tuple[str, ...]] = {}
-    if FILE.exists():
-        with FILE.open(encoding="utf-8", newline="") as file:
-            found = {tuple(row[:3]): tuple(row) for row in csv.reader(file)}
+    found = {row[:3]: row for row in (tuple(row.values()) for row in read_rows("sensors"))}
     rows: list[tuple[str, ...]] = [COLUMNS]
     for gait, name, sensors, disturbance in ROWS:
         key = gait, name, str(sensors.get("seed", 0))

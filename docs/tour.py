@@ -7,7 +7,6 @@ on; a hundred of one kind take half an hour on one core.
 """
 
 import argparse
-import csv
 import re
 import sys
 from collections import Counter
@@ -17,7 +16,7 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
-from trials import DATA, write_rows
+from trials import read_rows, write_rows
 
 from validation.table import ABSENT, Table, print_tables
 
@@ -64,9 +63,7 @@ def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
 
 def print_table() -> None:
     """Print the means over the tours of every kind, from the data file."""
-    with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
-        walks = list(csv.DictReader(file))
-    rows = []
+    walks, rows = read_rows("tour"), []
     for body, force in dict.fromkeys((walk["body"], walk["force"]) for walk in walks):
         tours = [walk for walk in walks if (walk["body"], walk["force"]) == (body, force)]
         completed = [float(not tour["cause"]) for tour in tours]
@@ -89,17 +86,16 @@ def print_endings() -> None:
         run = complete(load_request(gait, settings)).run
         segments[body] = hinged(build_body(run).compile())
     hits, falls = Counter[tuple[str, str, str]](), Counter[tuple[str, str, str]]()
-    with DATA.joinpath("tour.csv").open(encoding="utf-8", newline="") as file:
-        for walk in csv.DictReader(file):
-            body, force, end = walk["body"], walk["force"], float(walk["time"] or 0.0)
-            share = min(FORCES, key=lambda share: abs(share - float(force)))
-            before = punches(int(walk["seed"]), share, segments[body], end)
-            for push in before:
-                kind = next((kind for kind, part in KINDS.items() if re.search(part, push.segment)), "trunk")
-                size = f"{100 * int(np.linalg.norm(push.force) // 100)} N or more"
-                for key in (kind, size):
-                    hits[body, force, key] += 1
-                    falls[body, force, key] += walk["outcome"] != "completed" and push is before[-1]
+    for walk in read_rows("tour"):
+        body, force, end = walk["body"], walk["force"], float(walk["time"] or 0.0)
+        share = min(FORCES, key=lambda share: abs(share - float(force)))
+        before = punches(int(walk["seed"]), share, segments[body], end)
+        for push in before:
+            kind = next((kind for kind, part in KINDS.items() if re.search(part, push.segment)), "trunk")
+            size = f"{100 * int(np.linalg.norm(push.force) // 100)} N or more"
+            for key in (kind, size):
+                hits[body, force, key] += 1
+                falls[body, force, key] += walk["outcome"] != "completed" and push is before[-1]
     rows = [
         (*key, str(hits[key]), str(falls[key]), f"{100.0 * (1.0 - falls[key] / hits[key]):.0f}")
         for key in sorted(hits)

@@ -21,6 +21,15 @@ AGREEMENT = (
 )
 
 
+def read_rows(name: str) -> list[dict[str, str]]:
+    """Rows of ``data/NAME.csv`` by column; none if there is no such file."""
+    path = DATA / f"{name}.csv"
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def write_rows(name: str, rows: Sequence[Sequence[str]]) -> None:
     """Write ``data/NAME.csv``."""
     with DATA.joinpath(f"{name}.csv").open("w", encoding="utf-8", newline="") as file:

@@ -29,7 +29,6 @@ from validation.table import Table, format_number, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
 PICTURE = PAGE.parent / "images" / "convergence.svg"
-LAW_DATA = PAGE.parent / "data" / "contact-laws.csv"
 GAITS = ("normal", "momentum")
 """Of which the page has the numerical uncertainty."""
 LAWS = (

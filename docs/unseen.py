@@ -7,7 +7,6 @@ kept in build/unseen, so a draw that was stopped goes on. With ``page`` nothing 
 are made from the data. Needs the extras ``drake`` and ``robots``.
 """
 
-import csv
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 from figures import save_figure, style
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from trials import DATA, write_rows
+from trials import read_rows, write_rows
 
 import validation as val
 from benchmarks.page import replace_between
@@ -28,7 +27,6 @@ from validation.study.sweep.table import RunState, SweepTable
 from validation.table import Table, format_number, short_unit
 
 PAGE = Path(__file__).with_suffix(".md")
-FILE = DATA / "unseen.csv"
 PICTURE = PAGE.parent / "images" / "unseen.png"
 EXAMPLES = PAGE.parent / "examples"
 KEPT = PAGE.parents[1] / "build" / "unseen"
@@ -86,12 +84,12 @@ def main() -> None:
     """Walk what is missing, write the data, and from the data page and picture."""
     names = sys.argv[1:] or DRAWS
     if names != ["page"]:
-        kept, sweeps = [row for row in read() if row["draw"] in DRAWS], draws()
+        kept, sweeps = [row for row in read_rows("unseen") if row["draw"] in DRAWS], draws()
         for name in names:
             kept = [row for row in kept if row["draw"] != name] + list(walked(name, sweeps[name]))
         kept.sort(key=lambda row: DRAWS.index(row["draw"]))
-        write_rows(FILE.stem, [COLUMNS, *(tuple(row[column] for column in COLUMNS) for row in kept)])
-    found = read()
+        write_rows("unseen", [COLUMNS, *(tuple(row[column] for column in COLUMNS) for row in kept)])
+    found = read_rows("unseen")
     page = PAGE.read_text(encoding="utf-8")
     parts = {
         "outcomes": outcomes(found).markdown(),
@@ -101,12 +99,6 @@ def main() -> None:
         page = replace_between(page, name, part)
     PAGE.write_text(page, encoding="utf-8")
     draw_histograms(found, PICTURE)
-
-
-def read() -> list[Row]:
-    """The data as they were written last."""
-    with FILE.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def draws() -> dict[str, SweepDefinition]:

@@ -170,6 +170,6 @@ def test_all_tasks_of_the_human_have_its_body_and_its_controller(name):
 
 def test_the_page_shows_the_data():
     league = script("league")
-    page, rows = league.PAGE.read_text(encoding="utf-8"), league.read()
+    page, rows = league.PAGE.read_text(encoding="utf-8"), league.read_rows("league")
     for pushed in league.TABLES.values():
         assert league.overview(rows, pushed=pushed).markdown() in page
