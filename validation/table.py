@@ -32,7 +32,6 @@ _LONG = 34
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
-
 _TEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
     "\\": r"\textbackslash{}",

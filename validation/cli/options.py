@@ -82,7 +82,6 @@ METRICS: Any = option("--metric", "Your own metric, a val.Metric in a module. Re
 PROFILE: Any = option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
 JSON: Any = option("--json", "Print JSON, and nothing else, on stdout.")
 
-
 SHORT = {
     "planner": "gait.planner",
     "body": "body.source",

@@ -44,10 +44,9 @@ def describe_environment() -> dict[str, Any]:
 
 def version_of(distribution: str) -> str | None:
     """Installed version of a distribution, None if it is not installed."""
-    try:
+    with suppress(metadata.PackageNotFoundError):
         return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return None
+    return None
 
 
 def _processor() -> str:

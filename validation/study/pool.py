@@ -136,7 +136,6 @@ _INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
 _KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
 """Folders of this project's packages, and of what is installed."""
 
-
 _real = cache(os.path.realpath)  # asked of every module before each run
 
 

@@ -140,7 +140,7 @@ class Ranking(Tabled):
         few = " Errors decide from six replicas on." * all(
             len(cell.errors) < LEAST_PAIRS for cell in self.cells
         )
-        return f"{len(self.wins)} of {pairs} differences between two in one task are decided.{missing}{few}"
+        return f"{len(self.wins)} of {pairs} differences within a task are decided.{missing}{few}"
 
     def tables(self) -> list[Table]:
         """Ranks of all tasks, then each task."""

@@ -26,7 +26,6 @@ from validation.trial.bridge import passive_joints, rotation
 # It warns of contact between rigid and soft bodies, which does not occur here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
-
 _RIGID = 1e25
 """Stiffness of the floor [N/m]: that of a contact is the sole point's. Infinity would give NaN."""
 _LARGEST = 1e10
@@ -188,8 +187,7 @@ class _Plant:
     def contacts(self) -> dict[frozenset[int], tuple[int, Array, Array, float]]:
         """Contacts of the step that begins, by their two geoms.
 
-        Returns:
-            The second geom, the force on it in world [N], its place [m], and the depth [m].
+        Each has the second geom, the force on it in world [N], its place [m], and the depth [m].
         """
         results = self.plant.get_contact_results_output_port().Eval(self.context)
         found = {}

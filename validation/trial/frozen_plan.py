@@ -55,8 +55,7 @@ class PlanRows(PlanSample):
         own = self.time
         if np.array_equal(times, own[: len(times)]):
             return PlanRows(**{name: values[: len(times)] for name, values in vars(self).items()})
-        row = np.searchsorted(own, times + _SAME, side="right") - 1
-        row = row.clip(0, len(own) - 1)
+        row = (np.searchsorted(own, times + _SAME, side="right") - 1).clip(0, len(own) - 1)
         ahead = np.minimum(row + 1, len(own) - 1)
         share = np.clip((times - own[row]) / np.where(ahead > row, own[ahead] - own[row], 1.0), 0.0, 1.0)
 

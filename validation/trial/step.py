@@ -97,8 +97,7 @@ def keep_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> None:
 def end_step(log: StepLog, k: int, contacts: int, efc_force: Array) -> bool:
     """Keep a step, and set the torques of the next one if no tick does.
 
-    Returns:
-        Whether the walk may go on: the body stands, and MuJoCo has warned of nothing.
+    False if the walk ends: the body does not stand, or MuJoCo has warned of something.
     """
     keep_step(log, k, contacts, efc_force)
     body, command = log.body, log.command

@@ -221,9 +221,8 @@ PLANNER = Role(
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
 
-
 ROLES = (CONTROLLER, ESTIMATOR, PLANNER)
-"""All of them."""
+"""All parts of a walk that may be a user's own class."""
 
 
 def check_classes(run: RunParameters) -> None:

@@ -75,11 +75,8 @@ class Stance(NamedTuple):
 
 @compiled
 def posture(stance: Stance) -> tuple[float, float, float]:
-    """How a body stands.
-
-    Returns:
-        Height of the COM over the lower sole, over the planned one [1]; its horizontal distance from the
-        nearer sole [m]; cosine of the trunk's lean from the planned one [1].
+    """COM's height over the lower sole, as a share of the planned one [1]; its horizontal distance from the
+    nearer sole [m]; cosine of the trunk's lean from the planned one [1].
     """
     com, soles, planned, planned_soles = stance.com, stance.soles, stance.planned_com, stance.planned_soles
     height = com[2] - min(soles[0, 2], soles[1, 2])

@@ -60,7 +60,6 @@ SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
 _FEET = {"left": LEFT, "right": RIGHT}
 
-
 Lines = Mapping[str, Color]
 """Name to colour of the columns of an entity."""
 Curves = tuple[Array, Mapping[str, tuple[Array, Lines]]]

@@ -38,7 +38,6 @@ _TITLES = {
 }
 """Entities that are curves."""
 
-
 _TABS = {
     "Velocity": [[f"signals/{column}"] for column in VELOCITIES],
     "ZMP": [[f"signals/zmp_{axis}" for axis in "xy"], ["residual/zmp"]],
