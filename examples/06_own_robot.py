@@ -19,7 +19,7 @@ for axis in "xy":
     print(f"ZMP {axis}, RMSE: {1e3 * value:.2f} mm, {100 * value / length:.2f} % of the foot's length")
 print(f"{trial.verdict.name}: {trial.verdict.reason}")
 
-share = np.abs(trial.record.torque / robot.torque_limit)  # of every motor's limit, (ticks, motors)
+share = np.abs(trial.record.torque / robot.torque_limit)  # of every motor's limit, (time steps, motors)
 order = np.argsort(share.max(axis=0))
 figure = Figure(figsize=(8.0, 5.0), layout="constrained")
 axes = figure.subplots()

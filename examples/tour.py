@@ -22,10 +22,11 @@ from validation.trial.plan import Request, complete, load_request, plan_walk
 from validation.trial.simulate import simulate
 
 TARGETS, RADIUS, WINDOW = 18, 1.0, 5.0  # targets; radius of the disc [m]; time between punches [s]
-CEILING, RISES, LASTS = 500.0, 60.0, 0.08  # of the force [N]; time in which it rises; of a punch [s]
-LENGTH, ASIDE, TURN = 0.7, 0.4, 0.4  # step, as a share of the gait's; aside, as a share of that; turn [rad]
-WIDER, SHORTER, TRIES = 0.12, 0.85, 4  # wider feet, as a share of the gait's step; shorter steps if refused
-INWARD, THERE = 0.2, 1e-9  # inward, as a share of outward; distance at which a target counts as reached [m]
+CEILING, RISES = 500.0, 60.0  # largest force of a punch [N]; time until it is reached [s]
+LASTS = 0.08  # time of a punch [s]
+LENGTH, ASIDE, TURN = 0.7, 0.4, 0.4  # step over the gait's; step aside over that; turn [rad]
+WIDER, SHORTER, TRIES = 0.12, 0.85, 4  # more width over the gait's step; shorter steps if refused
+INWARD, THERE = 0.2, 1e-9  # step inward over one outward; distance at which a target is reached [m]
 
 
 def targets(seed, count):
