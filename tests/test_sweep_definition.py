@@ -64,9 +64,9 @@ def test_defaults_and_nested_quoted_and_dotted_keys():
     texts = "gait.c_y = [0.4, 1.0]", '"gait.c_y" = [0.4, 1]', "[vary.gait]\nc_y = [0.4, 1.0]"
     sweep, *others = (parse_sweep(GRID + text) for text in texts)
     assert all(other == sweep for other in others)
-    assert (sweep.name, sweep.gait, sweep.steps, sweep.judge.name) == ("sweep", "normal", 30, "default")
+    assert (sweep.name, sweep.gait, sweep.steps, sweep.judged_by.name) == ("sweep", "normal", 30, "default")
     for force, profile in ((5.0, "pushed"), (0.0, "default")):  # all runs, or some of them
-        assert parse_sweep(f"{GRID}disturbance.push_x = [{force}, 9.0]").judge.name == profile
+        assert parse_sweep(f"{GRID}disturbance.push_x = [{force}, 9.0]").judged_by.name == profile
     assert (sweep.recordings, sweep.wall_clock, sweep.shared) == ("failures", 600.0, (load_run("normal"),))
     assert sweep.keys == ("gait.c_y",)
 

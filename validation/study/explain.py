@@ -87,7 +87,7 @@ class Case:
     profile: str  # name of the tolerances
     pushes: tuple[Disturbance, ...] = ()  # forces on the body beside those of the run
     strained: str = ""  # motor that reaches its limit; empty if none does
-    lifted: bool = False  # whether there are no limits
+    lifted: bool = False  # whether the motors have no limits
 
     def changed(self, change: Change) -> "Case":
         """With a change; equal if the layer is ideal already, InputError if it does not fit the run."""

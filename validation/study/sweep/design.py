@@ -253,7 +253,7 @@ class SweepDefinition(Section, section="sweep"):
         return run // (len(self) // len(self.base))
 
     @cached_property
-    def judge(self) -> Profile:
+    def judged_by(self) -> Profile:
         """The profile that judges the runs: by default their own, or ``default`` where they have several."""
         alike: dict[Any, int] = {}
         for run in range(len(self)):

@@ -92,7 +92,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
     """Arguments of :func:`validation.study.one_walk.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
-    return {"request": request, "profile": definition.judge.name}
+    return {"request": request, "profile": definition.judged_by.name}
 
 
 def walk_run(**options: Any) -> Row:

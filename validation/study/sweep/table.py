@@ -286,7 +286,7 @@ def short_names(names: Sequence[str]) -> list[str]:
 
 def key_of(definition: SweepDefinition, run: int) -> str:
     """Key of a run among the rows of a folder: its number, and a hash of what the definition says of it."""
-    shared = {"profile": definition.judge.name, "tune": definition.tune}
+    shared = {"profile": definition.judged_by.name, "tune": definition.tune}
     return f"{definition.name_of(run)}-{run_key({**_values(definition, run), **shared})}"
 
 
@@ -324,7 +324,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
     ``limit``, ``unit`` and ``reason``; forces in body weights), ``labels`` (metric to readable name) and
     ``environment`` (versions, platform, hash of the code).
     """
-    profile = definition.judge
+    profile = definition.judged_by
     return {
         "definition": dump_sweep(definition),
         "name": definition.name,
