@@ -41,17 +41,12 @@ def parse_sweep(text: str) -> SweepDefinition:
 
 
 def make_table(
-    count: int = 200,
-    *,
-    grid: Mapping[str, Sequence[Any]] | None = None,
-    vary: Mapping[str, tuple[float, float]] = RANGES,
-    failures: bool = True,
-    recordings: bool = True,
+    count: int = 200, *, grid: Mapping[str, Sequence[Any]] | None = None, failures: bool = True
 ) -> pa.Table:
-    """Build a table of rows of a Latin hypercube of ``vary``, ranges by key, or of a ``grid``."""
+    """Build a table of rows of a Latin hypercube in :data:`RANGES`, or of a ``grid``."""
     block: dict[str, Any] = {"method": "grid", **(grid or {})}
     if grid is None:
-        ranges = {key: {"from": low, "to": high} for key, (low, high) in vary.items()}
+        ranges = {key: {"from": low, "to": high} for key, (low, high) in RANGES.items()}
         block = {"method": "latin_hypercube", "count": count, **ranges}
     head = {"name": "synthetic", "gait": "normal", "steps": 6, "seed": 1}
     definition = parse_sweep(tomli_w.dumps({"sweep": head, "vary": [block]}))
@@ -63,7 +58,7 @@ def make_table(
             walked = end["outcome"] in ("fell", "diverged")
             row = {**(row if walked else {}), **end, "failed": "", "steps_completed": 3 if walked else None}
             row["verdict"] = "not_measured" if walked else None
-        if recordings and kept < 20 and row["verdict"] in ("fail", "not_measured"):
+        if kept < 20 and row["verdict"] in ("fail", "not_measured"):
             row["recording"] = f"recordings/{definition.name_of(run)}"
             kept += 1
         rows.append({"worker": str(run % 2), "timing_total": 1.4, **row, "key": key_of(definition, run)})

@@ -23,7 +23,7 @@ METRICS = {
 
 def table(**changes) -> pa.Table:
     """Ten completed runs; ``zmp_x_rmse=[...]`` replaces the first values of a column."""
-    found = make_table(grid=GRID, failures=False, recordings=False)
+    found = make_table(grid=GRID, failures=False)
     found = replaced(found, "verdict", ["pass"] * 10)
     for name, values in {**METRICS, **changes}.items():
         key = name if name in found.column_names else METRIC + name

@@ -75,7 +75,7 @@ def test_every_run_is_drawn_in_the_colour_of_its_state(folder):
 
 
 def test_axes_have_the_units_of_their_keys():
-    table = make_table(9, failures=False, vary={"controller.com_stiffness": (20.0, 30.0)})
+    table = make_table(failures=False, grid={"controller.com_stiffness": [20.0, 25.0, 30.0]})
     assert draw_sweep(sweep_of(table))[1].charts[0].xlabel == "controller.com_stiffness [1/s^2]"
 
 
@@ -105,7 +105,7 @@ def test_sweeps_of_one_run_and_of_refusals():
 
 
 def test_verdict_of_a_sweep():
-    easy = make_table(30, failures=False, vary={"gait.c_y": (0.9, 1.1)})
+    easy = make_table(failures=False, grid={"gait.c_y": np.linspace(0.9, 1.1, 30).tolist()})
     for table, verdict, headline in (
         (easy, "pass", "pass"),
         (make_table(120), "fail", None),
