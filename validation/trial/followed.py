@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from ampm.stepping.tracker import CYCLE, STILL, SteppedTick
-from validation.trial.frozen_plan import FrozenPlan, PlanRows
+from validation.trial.frozen_plan import SAME, FrozenPlan, PlanRows
 
 LEADS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Leads: each instant is compared with the plan as it stood this long before [s]."""
@@ -24,7 +24,6 @@ JUDGED_LEAD = 0.1
 """The lead by which a walk is judged if its plan moved [s]."""
 STEPPING = -1
 """Number of the plan of the stabiliser that steps, see :attr:`SimulationRecord.tick_plan`."""
-_SAME = 1e-9  # time before a tick that counts as the tick [s]
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ class Followed:
         number = self._planner(times)
         if self.stepped is not None:
             ticks, row = self.stepped.time, self.stepped.tick_of(times)
-            number[(row >= 0) & (times + _SAME < ticks[row] + self.tick)] = STEPPING
+            number[(row >= 0) & (times + SAME < ticks[row] + self.tick)] = STEPPING
         return number.astype(np.int32)
 
     def at(self, times: Array, lead: float = 0.0) -> PlanRows:
@@ -85,7 +84,7 @@ class Followed:
 
     def _planner(self, times: Array) -> NDArray[np.intp]:
         """Number of the planner's last plan at times, shape (N,)."""
-        return np.searchsorted(self.since, times + _SAME, side="right") - 1
+        return np.searchsorted(self.since, times + SAME, side="right") - 1
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class Stepped:
 
     def tick_of(self, times: Array) -> NDArray[np.intp]:
         """Last tick up to every time, -1 before the first one, shape (M,)."""
-        return np.searchsorted(self.time, times + _SAME, side="right") - 1
+        return np.searchsorted(self.time, times + SAME, side="right") - 1
 
     def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """The plan at ``times``, as it was at the last tick up to ``made``, both of shape (M,) [s].

@@ -13,7 +13,7 @@ from ampm.planner.centroidal import PlanSample
 from ampm.planner.newton import check_newton
 from ampm.walk import WalkPlan
 
-_SAME = 1e-9  # time before a row that counts as the row [s]
+SAME = 1e-9  # time before an instant that counts as the instant [s]
 _HELD = ("phase", "stance", "left_placement", "right_placement", "heading")
 """Columns that hold from one row to the next; others go on along a straight line."""
 
@@ -55,7 +55,7 @@ class PlanRows(PlanSample):
         own = self.time
         if np.array_equal(times, own[: len(times)]):
             return PlanRows(**{name: values[: len(times)] for name, values in vars(self).items()})
-        row = (np.searchsorted(own, times + _SAME, side="right") - 1).clip(0, len(own) - 1)
+        row = (np.searchsorted(own, times + SAME, side="right") - 1).clip(0, len(own) - 1)
         ahead = np.minimum(row + 1, len(own) - 1)
         share = np.clip((times - own[row]) / np.where(ahead > row, own[ahead] - own[row], 1.0), 0.0, 1.0)
 
