@@ -22,6 +22,7 @@ from validation.store.signals import COLUMNS
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.frozen_plan import PlanRows
 from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, plan_walk
 from validation.trial.references import References
 
 
@@ -248,6 +249,24 @@ def test_a_plan_that_contradicts_itself_is_refused():
     off.by = 1e-4
     walk = compared(wrong, simulate_plan(wrong))
     assert evaluate(walk)["plan_newton_residual"] == pytest.approx(1e-4, rel=1e-3)
+
+
+class Elsewhere(Moved):
+    """A law that says something else of the instants that are judged, 2 ms apart."""
+
+    def evaluate(self, time):
+        self.by = 1e-3 * np.allclose(np.diff(time), 2e-3)
+        return super().evaluate(time)
+
+
+def test_a_plan_whose_judged_instants_contradict_it_or_are_chosen_by_itself_is_refused():
+    plan = plan_of(2)
+    law = Elsewhere(plan.phases[0].x, "zmp", 0.0)
+    with pytest.raises(InputError, match="contradicts itself when it is sampled again"):
+        simulate_plan(replace(plan, phases=(plan.phases[0]._replace(x=law), *plan.phases[1:])))
+    planner: Any = SimpleNamespace(plan=lambda run, robot: replace(plan, command=run.command))
+    with pytest.raises(InputError, match="has a command or a judged_from of its own"):
+        plan_walk(Request("walk", walk_of().run), planner=planner)
 
 
 def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned):

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
-from ampm.planner.centroidal import CentroidalPlan
+from ampm.geometry import Array
+from ampm.planner.centroidal import CentroidalPlan, PlanSample
 
 ALLOWED = 2e-4
 """Largest contradiction that a plan may have, as a distance of its ZMP [m]."""
@@ -37,8 +38,7 @@ def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
     """
     begin, end = plan.phases[0].start, plan.duration
     now = plan.sample(np.append(np.arange(begin, end, _INTERVAL), end))
-    arm = (now.com[:, 2] - now.floor)[:, None] * now.force[:, :2] + now.moment[:, ::-1] * [1.0, -1.0]
-    found = [("ZMP", now.com[:, :2] - arm / now.force[:, 2:] - now.zmp, now.time)]
+    found = [("ZMP", zmp_of_com(now) - now.zmp, now.time)]
     if windows := _windows(plan, begin, end):
         first = np.cumsum([0, *(window.shape[1] for window in windows[:-1])])
         time, weight, rate, bend = np.concatenate(windows, axis=1)[:, :, None]
@@ -61,6 +61,13 @@ def check_newton(plan: CentroidalPlan, or_else: str = "") -> float:
             f"height or units (m, s), or give the acceleration that belongs to them{or_else}."
         )
     return float(size.max())
+
+
+def zmp_of_com(sample: PlanSample) -> Array:
+    """ZMP by Newton's law from COM, force and moment of N samples, shape (N, 2) [m]."""
+    height = sample.com[:, 2:] - sample.floor[:, None]
+    arm = height * sample.force[:, :2] + sample.moment[:, ::-1] * [1.0, -1.0]
+    return sample.com[:, :2] - arm / sample.force[:, 2:]
 
 
 def _windows(plan: CentroidalPlan, begin: float, end: float) -> list[NDArray[np.float64]]:

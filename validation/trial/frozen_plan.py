@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.newton import check_newton
+from ampm.planner.newton import ALLOWED, check_newton, zmp_of_com
 from ampm.walk import WalkPlan
 
 SAME = 1e-9  # time before an instant that counts as the instant [s]
@@ -100,4 +101,12 @@ class FrozenPlan:
         """
         until = min(float(times[-1]), plan.duration)
         margin = plan.least_zmp_margin(until) if exact else None
-        return cls(plan, PlanRows.of(plan, times), check_newton(plan), margin)
+        rows, residual = PlanRows.of(plan, times), check_newton(plan)
+        off = np.abs(zmp_of_com(rows) - rows.zmp).max(axis=1)
+        off[~np.isfinite(rows.angular_momentum).all(axis=1)] = np.inf
+        if not off[times >= plan.phases[0].start].max(initial=0.0) <= ALLOWED:  # also NaN
+            raise InputError(
+                "the plan contradicts itself when it is sampled again: its ZMP differs from that of its COM, "
+                "or is no number; let what it says depend on the times alone."
+            )
+        return cls(plan, rows, residual, margin)

@@ -358,7 +358,10 @@ def _check_footsteps(plan: WalkPlan, run: RunParameters, planner: str) -> None:
 def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
     from ampm.planner.support import check_contacts  # imported here as plan_walk's
+    from ampm.walk import WalkPlan
 
+    if plan.command is not None or type(plan).judged_from is not WalkPlan.judged_from:
+        raise ValueError("its plan has a command or a judged_from of its own; leave it out")
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
