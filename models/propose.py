@@ -12,13 +12,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from models.source import MASSLESS, compiled_source, source_path
+from models.source import MASSLESS, compiled_source, pattern_of, source_path
 from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
 
 _LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
 _NO_SOLE = """
-# The model has no shape of a sole, or its meshes are not found from its folder.
+# The left foot has no flat shape, or its meshes are not found from the model's folder.
 # Fill in [body.sole]: heel, front, bottom, heel_half_width, front_half_width [m].
 """
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
@@ -57,11 +57,11 @@ class _Proposal:
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, at_zero(model)
         self.chains: list[list[int]] = [[]]
-        """Joints from the world to each body, without free ones."""
+        """Joints from the world to each body, without those to the world."""
         for body in range(1, model.nbody):
             own = model.body_jntadr[body] + np.arange(model.body_jntnum[body])
-            own = own[model.jnt_type[own] != mujoco.mjtJoint.mjJNT_FREE]
-            self.chains.append(self.chains[model.body_parentid[body]] + own.tolist())
+            parent = model.body_parentid[body]
+            self.chains.append(self.chains[parent] + own.tolist() if parent else [])
         ends = self._ends()
         self.root = int(model.body_rootid[ends[0]])
         self.axes = upright_axes(self.data.xpos[self.root], *self.data.xpos[ends])
@@ -105,7 +105,7 @@ class _Proposal:
             "foot": [body(foot).name for foot in self.feet],
             "knee": [joint(knee).name for knee in self.knees],
             **self._rest(self.legs.union(locked)),
-            **({"lock": [joint(number).name for number in locked]} if locked else {}),
+            **({"lock": [pattern_of(joint(number).name) for number in locked]} if locked else {}),
             **({"sole": sole} if sole else {}),
         }
 

@@ -51,7 +51,7 @@ class Segment:
     shapes: list[dict[str, Any]] = field(default_factory=list)
 
 
-def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]:
+def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> tuple[list[int], Array, Findings]:
     """Give segments and hinges at angles of 0 the mean of themselves and of their image's mirror image.
 
     The image of a hinge is found by its place and axis, whatever its name. Limits, dampers and springs of a
@@ -59,6 +59,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
 
     Args:
         segments: of a body whose left is towards +y; changed.
+        locked: joints that are locked already, for a message.
 
     Returns:
         Number of the image of each of n hinges, its own in the middle, shape (n,); the sign of its angle to
@@ -69,7 +70,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
     """
     segment_of = [i for i, segment in enumerate(segments) for _ in segment.joints]
     near = _ALIKE * float(np.ptp([segment.place[2] for segment in segments]))
-    images, apart = _images(segments, near)
+    images, apart = _images(segments, near, locked)
     pairs = list(range(len(segments)))
     for hinge, image in enumerate(images):
         pairs[segment_of[hinge]] = segment_of[image]
@@ -90,7 +91,7 @@ def symmetrise(segments: Sequence[Segment]) -> tuple[list[int], Array, Findings]
     return images, signs, Findings(max(place, apart), com, mass, bare, unlike)
 
 
-def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]:
+def _images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> tuple[list[int], float]:
     """Number of the image of each hinge, and the largest distance of a hinge from its image's image [m].
 
     Two hinges at one place, such as clavicles, are told apart by the hinges that hang on them.
@@ -110,7 +111,8 @@ def _images(segments: Sequence[Segment], near: float) -> tuple[list[int], float]
         names = [hinges[k].name for k in np.flatnonzero(lonely)]
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
-            f"symmetric body: correct it, or add lock = {names} to [body] of its description, if of no leg."
+            f"symmetric body: correct it, or write lock = {[*locked, *names]} in [body] of its description, "
+            "if they are of no leg."
         )
     return images.tolist(), float(least.max())
 

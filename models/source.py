@@ -183,6 +183,9 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
             mesh.maxhullvert = _HULL_POINTS
             if mesh.file.lower().endswith(_CONVERTED):
                 _read_mesh(mesh)
+        for kind, things in (("link", spec.bodies[1:]), ("joint", spec.joints)):
+            for number, thing in enumerate(things):
+                thing.name = thing.name or f"{kind}_{number}"
         spec.compiler.balanceinertia |= balance
         _bound_inertia(spec)
         for geom in spec.geoms:
@@ -323,3 +326,8 @@ def by_pattern(table: Mapping[re.Pattern[str], T], joint: str, default: T) -> T:
     """Value of the last pattern that matches a joint's whole name."""
     values = [value for pattern, value in table.items() if pattern.fullmatch(joint)]
     return values[-1] if values else default
+
+
+def pattern_of(name: str) -> str:
+    """The regular expression that matches this name alone."""
+    return re.sub(r"[^\w./ -]", r"\\\g<0>", name)

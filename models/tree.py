@@ -56,7 +56,9 @@ def upright_axes(root: Array, left: Array, right: Array) -> Array:
     Raises:
         InputError: both feet are at one place.
     """
-    up = np.eye(3)[int(np.abs(0.5 * (left + right) - root).argmax())]
+    down = 0.5 * (left + right) - root
+    axis = int(np.abs(down).argmax())
+    up = -np.sign(down[axis]) * np.eye(3)[axis]
     across = left - right - ((left - right) @ up) * up
     if not (distance := math.hypot(*across)) > 0.0:
         raise InputError("both feet are at one place; correct foot in the body's description.")
@@ -85,6 +87,13 @@ class Tree:
                     f"the {role} {name!r} does not hang on the root {file.root!r}; correct root or {role}.",
                     key="body.root",
                 )
+        top, masses = int(model.body_rootid[root]), model.body_subtreemass
+        if (lost := float(masses[top] - masses[root])) > 1e-6 * masses[top]:
+            raise InputError(
+                f"the root {file.root!r} hangs on {lost:.3g} kg that would be left out; name "
+                f"{model.body(top).name!r} as root, or take them out of the model.",
+                key="body.root",
+            )
         left = self.feet[0]
         self.foot_offset = self._vector(self.data.xpos[left] - self.origin)
         self.foot_offset -= self.segments[self.of_body[left]].place
@@ -94,7 +103,7 @@ class Tree:
         for role, names in (("knee", file.knee), ("rest", file.rest)):
             for name in names:
                 self.joint(name, role)
-        self.images, self.signs, self.findings = symmetrise(self.segments)
+        self.images, self.signs, self.findings = symmetrise(self.segments, [p.pattern for p in file.lock])
         self._check_sides()
 
     def _check_source(self) -> None:
@@ -183,7 +192,7 @@ class Tree:
         first = int(model.body_jntadr[body])
         for j in range(first, first + int(model.body_jntnum[body])):
             name, kind, dof = model.joint(j).name, int(model.jnt_type[j]), int(model.jnt_dofadr[j])
-            if (kind == _FREE and not self.segments) or self._is_locked(name):
+            if not self.segments or self._is_locked(name):  # the root moves freely
                 continue
             if kind != _HINGE:
                 raise InputError(
@@ -260,9 +269,13 @@ def coupled_joints(model: mujoco.MjModel) -> set[str]:
     """Joints that equalities of a source couple, and those of its equalities that couple anything else."""
     names = set[str]()
     for k in np.flatnonzero(model.eq_active0).tolist():
-        ends = {model.joint(end).name for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0}
-        other = model.eq_type[k] != mujoco.mjtEq.mjEQ_JOINT
-        names |= {f"equality {model.equality(k).name}".rstrip()} if other else ends
+        ends = [end for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0]
+        if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT:
+            names |= {model.joint(end).name for end in ends}
+        else:
+            things = (mujoco.mj_id2name(model, model.eq_objtype[k], end) for end in ends)
+            name = model.equality(k).name or " and ".join(filter(None, things))
+            names.add(f"equality {name}".rstrip())
     return names
 
 

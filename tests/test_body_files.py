@@ -72,11 +72,14 @@ def with_passive(element: str) -> BodyModel:
     return read(suite_model(element), text.replace(source, "model.xml"), "model.xml")
 
 
-Y_UP = URDF.replace(
-    "</robot>",
-    '<link name="base"/><joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
-    '<origin xyz="0 0 0" rpy="-1.5707963267948966 0 0"/></joint></robot>',
-)
+def rolled(angle: str) -> str:
+    """The URDF in axes that are turned about x by an angle [rad]."""
+    joint = '<joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
+    turn = f'<link name="base"/>{joint}<origin rpy="{angle} 0 0"/></joint>'
+    return URDF.replace("</robot>", f"{turn}</robot>")
+
+
+Y_UP = rolled("-1.5707963267948966")
 
 
 def test_values_of_a_left_joint_hold_for_the_right_one_and_firm_dampers_are_found() -> None:
@@ -87,8 +90,9 @@ def test_values_of_a_left_joint_hold_for_the_right_one_and_firm_dampers_are_foun
     assert "armature.'l_ankle_pitch|" in firm_dampers(read(toml=TOML + 'damping.".*" = 20').compile())
 
 
-def test_a_model_with_y_upwards_is_turned() -> None:
-    found, own = read(Y_UP).description, read().description
+@pytest.mark.parametrize("urdf", [Y_UP, rolled("3.141592653589793")])
+def test_a_model_with_y_upwards_or_z_downwards_is_turned(urdf: str) -> None:
+    found, own = read(urdf).description, read().description
     assert found.left_leg == own.left_leg
     assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
 
