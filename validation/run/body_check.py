@@ -144,7 +144,7 @@ def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
         for geom in range(model.ngeom)
         if model.geom_bodyid[geom] in feet and model.geom(geom).name not in points
     ]
-    return float(min(gaps))
+    return float(min(gaps) - min(data.geom(name).xpos[2] for name in points))
 
 
 def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, str]]) -> list[str]:

@@ -138,6 +138,7 @@ def firm_dampers(model: mujoco.MjModel) -> str:
     names = [model.joint(int(model.dof_jntid[k])).name for k in firm]
     return (
         f"the dampers of {', '.join(names)} are too strong for their inertia of "
-        f"{1.0 / inverse[firm, firm].max():.2g} kg m^2 and the time step: add armature.'{'|'.join(names)}' = "
-        f"{damping[firm].max():.1g} to [body] of its description, or lower damping or simulation.time_step"
+        f"{1.0 / inverse[firm, firm].max():.2g} kg m^2 and the time step: add '{'|'.join(names)}' = "
+        f"{damping[firm].max():.1g} to [body.armature] of its description, or lower "
+        "damping or simulation.time_step"
     )
