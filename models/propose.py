@@ -64,7 +64,7 @@ class _Proposal:
             self.chains.append(self.chains[parent] + own.tolist() if parent else [])
         ends = self._ends()
         self.root = int(model.body_rootid[ends[0]])
-        self.axes = upright_axes(self.data.xpos[self.root], *self.data.xpos[ends])
+        self.axes = upright_axes(self.data, ends)
         shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
         left = self.data.xaxis @ self.axes[1]
         bends = [[j for j in self.chains[end] if j not in shared and abs(left[j]) > _LATERAL] for end in ends]

@@ -1,7 +1,7 @@
 """The segments of a compiled source at joint angles of 0, in axes of the world."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -45,25 +45,33 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def upright_axes(root: Array, left: Array, right: Array) -> Array:
-    """Forward, left and up as rows, shape (3, 3): the feet are under the root along an axis of the model.
+def upright_axes(data: mujoco.MjData, feet: Sequence[int]) -> Array:
+    """Forward, left and up as rows, shape (3, 3): the feet are under the hips along an axis of the model.
 
     Args:
-        root: place of the root, shape (3,) [m].
-        left: of the left foot.
-        right: of the right foot.
+        data: with the places of all segments.
+        feet: segments of the left and the right foot.
 
     Raises:
         InputError: both feet are at one place.
     """
-    down = 0.5 * (left + right) - root
+    left, right = data.xpos[feet]
+    lines = [_line(data.model, foot) for foot in feet]
+    shared = sum(one == other for one, other in zip(*lines, strict=False))
+    hips = [line[min(shared, len(line) - 1)] for line in lines]
+    down = left + right - data.xpos[hips].sum(axis=0)
     axis = int(np.abs(down).argmax())
-    up = -np.sign(down[axis]) * np.eye(3)[axis]
+    up = -math.copysign(1.0, down[axis]) * np.eye(3)[axis]
     across = left - right - ((left - right) @ up) * up
     if not (distance := math.hypot(*across)) > 0.0:
         raise InputError("both feet are at one place; correct foot in the body's description.")
     across /= distance
     return np.stack([np.cross(across, up), across, up])
+
+
+def _line(model: mujoco.MjModel, body: int) -> list[int]:
+    """Segments from the world to a body."""
+    return [*_line(model, int(model.body_parentid[body])), body] if body else [0]
 
 
 class Tree:
@@ -77,7 +85,7 @@ class Tree:
         self.feet = [self.body(name, "foot") for name in file.foot]
         self.data = at_zero(model)
         self.origin = self.data.xpos[root]
-        self.align = upright_axes(self.origin, *self.data.xpos[self.feet])
+        self.align = upright_axes(self.data, self.feet)
         self.segments: list[Segment] = []
         self.of_body: dict[int, int] = {}
         self._read(root, -1)
