@@ -90,8 +90,11 @@ def test_values_of_a_left_joint_hold_for_the_right_one_and_firm_dampers_are_foun
     assert "add 'l_ankle_pitch|" in firm_dampers(read(toml=TOML + 'damping.".*" = 20').compile())
 
 
-@pytest.mark.parametrize("urdf", [Y_UP, rolled("3.141592653589793")])
-def test_a_model_with_y_upwards_or_z_downwards_is_turned(urdf: str) -> None:
+FOOTPRINT = rolled("0").replace('rpy="0 0 0"', 'xyz="0 0 2"')
+
+
+@pytest.mark.parametrize("urdf", [Y_UP, rolled("3.141592653589793"), FOOTPRINT])
+def test_a_model_is_turned_upright_wherever_its_root_is(urdf: str) -> None:
     found, own = read(urdf).description, read().description
     assert found.left_leg == own.left_leg
     assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
