@@ -5,6 +5,7 @@ here, so one :func:`register` before the walk is enough for a new :class:`Metric
 tables and figures by ``label``. Worker processes of sweeps and studies get it, too.
 """
 
+import logging
 import math
 from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping
@@ -83,7 +84,7 @@ def evaluate(walk: Comparison) -> dict[str, float]:
 
 
 def _compute(metric: Metric, walk: Comparison) -> float | None:
-    """Value of one metric; raises InputError if a registered one fails, or returns no number."""
+    """Value of one metric; NaN, and a warning, if a registered one fails or returns no number."""
     own = metric.name in _ADDED
     if own and not walk.inside.any():
         return math.nan
@@ -95,10 +96,11 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
     except (Exception, SystemExit) as error:
         if not own:
             raise
-        raise InputError(
-            f"metric '{metric.name}' cannot be computed ({type(error).__name__}: {words_of(error)}); correct "
-            "its 'compute', or unregister it."
-        ) from error
+        logging.getLogger("ampm").warning(
+            f"metric '{metric.name}' is not measured ({type(error).__name__}: {words_of(error)}); correct "
+            "its 'compute', and judge the walk again."
+        )
+        return math.nan
 
 
 # ------------------------------------------------------------------------------------------- built-in metrics
