@@ -30,16 +30,19 @@ def _lines(console: Console, label: str, unit: str) -> Stage:
     note = ""
 
     def advance(done: int, total: int) -> None:
+        from ampm.compiled import compilation  # slow to load
+
         nonlocal start, last, before
         now = time.monotonic()
+        busy = now - compilation.seconds  # compiling says nothing of the speed
         if before is None:
-            start, before = now, done
+            start, before = busy, done
         if now - last < _LINE_EVERY:
             return
         last = now
         line = f"{label}: {done:,} of {total:,} {unit}"
         if done > before:
-            left = (now - start) * (total - done) / (done - before)
+            left = (busy - start) * (total - done) / (done - before)
             line += f", about {format_duration(round(left))} left"
         console.print(line + note, markup=False)
 
