@@ -88,7 +88,8 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     for name, values in given.items():
         shape = (2,) if name == "angular_momentum" else (len(times), 2)
         if values.shape != shape and not (name.startswith("com") and values.shape == (len(times), 3)):
-            raise InputError(f"{name} has the shape {values.shape}, not {shape}; give a row for each time.")
+            way_out = "give a row for each time, with x and y"
+            raise InputError(f"{name} has the shape {values.shape}, not {shape}; {way_out}.")
     given["com"][:, 2:] -= (given["com"][:, :2] @ plan.contacts.slope)[:, None]  # heights over the floor
     law = _height_law(given, times, plan)
     height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
