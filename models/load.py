@@ -92,8 +92,8 @@ class Writer:
                     "segment that they hang on as foot"
                 )
                 raise InputError(
-                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._names_of(joints))}), {why} in "
-                    "the body's description.",
+                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._names_of(joints))}), {why} "
+                    "in the body's description.",
                     key="body.foot",
                 )
             if knee not in joints[1:-1]:
