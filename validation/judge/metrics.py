@@ -98,7 +98,7 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
             raise
         logging.getLogger("ampm").warning(
             f"metric '{metric.name}' is not measured ({type(error).__name__}: {words_of(error)}); correct "
-            "its 'compute', and judge the walk again."
+            "its 'compute', and walk the gait again."
         )
         return math.nan
 
