@@ -106,6 +106,8 @@ NO_NUMBERS = (None, "1", 1j, [1.0], np.zeros(3))
     ("compute", "why"),
     [
         (lambda walk: walk.nonsense, "AttributeError"),
+        (lambda walk: walk.signals["zmp_x"].clear(), "AttributeError"),  # what is judged stays
+        (lambda walk: walk.measured.zmp.fill(0.0), "ValueError: .* read-only"),
         (sys.exit, "SystemExit"),
         *((lambda walk, value=value: value, "TypeError: it returned .* not a") for value in NO_NUMBERS),
     ],

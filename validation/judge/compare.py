@@ -6,6 +6,7 @@ Nothing is shifted, fitted or masked; the first step, which includes the transie
 separately.
 """
 
+import copyreg
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -71,6 +72,14 @@ SIGNALS: Mapping[str, Signal] = MappingProxyType(
     }
 )
 """All components that are compared, by name."""
+
+
+def _read_only(items: Mapping[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(items)
+
+
+# Python cannot pickle read-only views, and trials have them.
+copyreg.pickle(MappingProxyType, lambda view: (_read_only, (dict(view),)))
 
 
 @dataclass(frozen=True)
@@ -213,26 +222,27 @@ def compare(
         found: dict[str, Mapping[str, Statistics]] = {}
         for name, (value, reference) in signal_pairs(planned, measured, record).items():
             error, scale = value - reference, scales[_SCALES[SIGNALS[name].unit]]
-            found[name] = {window: statistics(error[w], reference[w], scale) for window, w in windows.items()}
+            of = {window: statistics(error[w], reference[w], scale) for window, w in windows.items()}
+            found[name] = MappingProxyType(of)
         return found
 
     signals, ahead = errors(planned, rows), {}
     for lead in LEADS:
         judged = errors(followed.at(time, lead), {RUN: run}) if followed.moved else signals
-        ahead[lead] = {name: of[RUN].rmse for name, of in judged.items()}
+        ahead[lead] = MappingProxyType({name: of[RUN].rmse for name, of in judged.items()})
     return Comparison(
         plan=plan,
         record=record,
         measured=measured,
         sample=planned,
-        rows=rows,
-        scales=scales,
-        signals=signals,
+        rows=MappingProxyType(rows),
+        scales=MappingProxyType(scales),
+        signals=MappingProxyType(signals),
         zmp_split=_split_zmp_error(planned, measured, run),
-        costs=costs,
+        costs=MappingProxyType(costs),
         followed=followed,
         valid=valid,
-        ahead=ahead,
+        ahead=MappingProxyType(ahead),
         first=first,
     )
 
@@ -336,4 +346,4 @@ def _split_zmp_error(sample: PlanSample, measured: MeasuredGait, rows: Flags) ->
             rmse[name] = tuple(np.sqrt(np.sum(part[used] ** 2, axis=0) / used.sum()).tolist())
             share[name] = tuple((np.sum(part[used] * error[used], axis=0) / squares).tolist())
     residual = float(np.nanmax(gap)) if np.isfinite(gap).any() else math.nan
-    return ZmpErrorSplit(parts, residual, rmse, share)
+    return ZmpErrorSplit(MappingProxyType(parts), residual, MappingProxyType(rmse), MappingProxyType(share))

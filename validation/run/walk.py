@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ampm.body.orbit import solve_motion
@@ -122,7 +123,7 @@ def walk_planned(
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         comparison = replace(comparison, relative=run.sensors.relative)
-        values = evaluate(comparison)
+        values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
     texts += map(describe, disturbances)
