@@ -97,7 +97,7 @@ def load_object(option: str, text: str) -> Any:
     module, colon, name = text.partition(":")
     if not (module and colon and name) or module.endswith(".py"):
         raise InputError(
-            f"{option} {text!r} must be MODULE:CLASS without .py, for example mine:Controller of mine.py."
+            f"{option} {text!r} must be MODULE:NAME without .py, for example mine:Name of mine.py."
         )
     if "<" in name:
         raise InputError(
