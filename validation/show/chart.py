@@ -246,7 +246,8 @@ def _ticks(low: float, high: float, most: float) -> dict[str, float]:
     numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
     if len(numbers) < 2:  # one shows no scale
         return _ticks(low, high, 2.0 * max(most, 2.0))
-    return {f"{n * step:.{decimals}f}".replace("-", "\u2212"): n * step for n in numbers}
+    style = ".6g" if max(abs(low), abs(high)) < 1e-4 else f".{decimals}f"  # many zeros hide the axis' label
+    return {f"{n * step:{style}}".replace("-", "\u2212"): n * step for n in numbers}
 
 
 def new_charts(
