@@ -88,6 +88,7 @@ def test_a_sweep_takes_it(ampm, tmp_path):
     )
     swept = ampm("sweep", tmp_path / "sweep.toml", "--out", tmp_path / "sweep", "--workers", 0)
     assert swept.status == 1, swept.err
+    assert "follows no command: it stands" in ampm("plan", *QUICK, "--command", "0.5,0,0").err
     rows = val.sweep(tmp_path / "sweep.toml", out=tmp_path / "sweep", resume=True).table.to_pylist()
     assert [row["verdict"] for row in rows] == ["pass", "fail"]
     assert rows[1]["metric_velocity_x_error"] == pytest.approx(0.5, abs=1e-6)

@@ -305,6 +305,9 @@ def plan_walk(
             f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
             way_out="walk with --planner none",
         )
+    if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.velocity):
+        stands = f"the controller {run.controller.name} follows no command: it stands"
+        progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not says.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
     if "gait_keys" in says:
