@@ -164,8 +164,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     speeds: dict[str, float] = {}
     try:
         text = path.read_text(encoding="utf-8")
-        if "<sdf" in text:
-            raise ValueError("it is SDF, which is not read; give URDF or MJCF")
+        if "<sdf" in text or "<xacro:" in text:
+            raise ValueError("it is SDF or xacro, which are not read; convert it to URDF or MJCF")
         if "<robot" in text:
             tree = ET.fromstring(text)
             speeds = _readable_urdf(tree)

@@ -24,13 +24,14 @@ _FORCES_OF_NO_JOINT = (
     "tendon_damping",
     "tendon_dampingpoly",
     "tendon_frictionloss",
+    "tendon_limited",
     "jnt_stiffnesspoly",
     "dof_dampingpoly",
     "actuator_damping",
     "actuator_dampingpoly",
     "body_gravcomp",
 )
-"""Fields of a source with forces that a body cannot have."""
+"""Fields of a source with forces or limits that a body cannot have."""
 _BY_JOINT = ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction")
 """Keys of a description with patterns of joints."""
 _SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
@@ -115,7 +116,7 @@ class Tree:
         self._check_sides()
 
     def _check_source(self) -> None:
-        """Refuse forces and couplings that a body cannot have, and patterns that match nothing."""
+        """Refuse forces, limits and couplings that a body cannot have, and patterns that match nothing."""
         model = self.model
         if forces := [name for name in _FORCES_OF_NO_JOINT if getattr(model, name).any()]:
             raise InputError(f"the model has {', '.join(forces)}, which a body cannot have; remove them.")
