@@ -104,14 +104,9 @@ class CommandParameters(Section, section="command"):
     settling: Real = parameter(1.0, "time before the command, in which it is zero", "s", ge=0, le=100)
     duration: Real = parameter(10.0, "duration of the trial, settling included", "s", gt=0, le=1e4)
 
-    @property
-    def velocity(self) -> tuple[float, float, float]:
-        """Command (vx, vy, wz) after settling [m/s, m/s, rad/s]."""
-        return self.vx, self.vy, self.wz
-
     def at(self, time: float) -> tuple[float, float, float]:
         """Command (vx, vy, wz) at a time [s], [m/s, m/s, rad/s]."""
-        return self.velocity if time >= self.settling else (0.0, 0.0, 0.0)
+        return (self.vx, self.vy, self.wz) if time >= self.settling else (0.0, 0.0, 0.0)
 
 
 class BodyParameters(Section, section="body"):

@@ -17,7 +17,6 @@ AGREEMENT = (
     "maximum x, y [mm]",
     "F RMSE x, y, z [% weight]",
     "L RMSE x, y [N m s]",
-    "both ZMPs [mm]",
 )
 
 
@@ -60,7 +59,6 @@ def agreement(metrics: Mapping[str, Any]) -> Iterator[str]:
     yield shown(1, "zmp_x_maximum", "zmp_y_maximum")
     yield shown(2, "force_x_rmse", "force_y_rmse", "force_z_rmse")
     yield shown(3, "angular_momentum_x_rmse", "angular_momentum_y_rmse")
-    yield shown(2, "zmp_agreement_rmse")
 
 
 def ending(summary: Mapping[str, Any]) -> str:

@@ -43,12 +43,7 @@ LAWS = (
     "undecided metrics",
 )
 """Columns of data/contact-laws.csv."""
-SHOWN = (
-    "zmp_x_rmse",
-    "zmp_y_rmse",
-    "zmp_x_maximum",
-    "zmp_agreement_rmse",
-)
+SHOWN = ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum")
 """On the page."""
 INTEGRALS = ("energy_positive_work", "energy_cost_of_transport", "effort_zmp_x")
 """In the file beside what is judged."""

@@ -164,8 +164,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     speeds: dict[str, float] = {}
     try:
         text = path.read_text(encoding="utf-8")
-        if "<sdf" in text or "<xacro:" in text:
-            raise ValueError("it is SDF or xacro, which are not read; convert it to URDF or MJCF")
+        if "<sdf" in text:
+            raise ValueError("it is SDF, which is not read; give URDF or MJCF")
         if "<robot" in text:
             tree = ET.fromstring(text)
             speeds = _readable_urdf(tree)
@@ -197,6 +197,7 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
         what = " ".join(str(error).split())
         way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in what else ""
+        way_out = ", or convert it from xacro to URDF" if "${" in what else way_out
         raise InputError(f"the model {str(path)!r} cannot be compiled ({what}); mend it{way_out}.") from None
 
 

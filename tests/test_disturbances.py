@@ -11,7 +11,6 @@ from docs.examples.joint_pd import JointPD
 from tests.records import first_difference, same_bits, stored
 from tests.solved import COARSE, body_of, simulated, walk_of
 from tests.test_golden import definition
-from validation.judge.built_in import rms
 from validation.measure.measure import measure
 from validation.run.replay import replay
 from validation.trial.disturbances import Push, Recorded
@@ -41,14 +40,10 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
 def test_the_zmp_from_momentum_rates_takes_pushes_into_account():
     robot = walk_of(COARSE).robot
     measured, record = measure(walk(SHOVE), robot.model), walk(SHOVE)
-    gap = np.linalg.norm(measured.zmp - measured.zmp_momentum, axis=1)
-    pushed = record.external_force[:, 0, 1] > 0.0
-    calm = measure(walk(), robot.model)
-    assert np.nanmax(gap[pushed]) < 2.0 * np.nanmax(np.linalg.norm(calm.zmp - calm.zmp_momentum, axis=1))
-    off, usual = (rms((one.force - one.momentum_force)[:, 1]) for one in (measured, calm))
-    assert off < 2.0 * usual
-    # Left out, the push would move the ZMP by its lever over the weight.
-    assert 30.0 * 1.1 / measured.weight > 10.0 * np.nanmax(gap[pushed])
+    assert record.external_force[:, 0, 1].any()
+    # Left out, the push would move the ZMP by its lever over the weight, 56 mm.
+    np.testing.assert_allclose(measured.zmp, measured.zmp_momentum, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(measured.force, measured.momentum_force, rtol=0.0, atol=1e-2)
 
 
 def test_pushes_of_arrays_are_equal_to_those_of_tuples():
@@ -84,10 +79,8 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     rows = record.time.searchsorted([0.3199, 0.3239])
     speed = np.diff(gained[rows]) / np.diff(record.time[rows])
     assert speed == pytest.approx(60.0 * 0.02 / record.mass, rel=0.3)
-    pushed, robot = record.external_force[:, 0, 0] > 0.0, walk_of(COARSE).robot
-    measured, calm = (measure(one, robot.model) for one in (record, plain))
-    gap, usual = ((one.zmp - one.zmp_momentum)[: record.steps][pushed] for one in (measured, calm))
-    np.testing.assert_allclose(gap[:, 0], usual[:, 0], atol=1e-4)  # without the moment 4 mm
+    measured = measure(record, walk_of(COARSE).robot.model)
+    np.testing.assert_allclose(measured.zmp, measured.zmp_momentum, atol=1e-6)  # without the moment 4 mm
 
 
 def test_recorded_pushes_act_again_to_the_bit():

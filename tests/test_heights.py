@@ -90,7 +90,7 @@ def assert_walked(trial, limit):
     assert (under.argmin(axis=1) == len(levels) - 1).sum() > 0.02 * len(under)
     single = (sample.phase == 0) & (measured.foot_contact.sum(axis=1) == 1)
     np.testing.assert_allclose(measured.floor[single], sample.floor[single], atol=1e-9)
-    assert trial.metrics["zmp_agreement_rmse"].value < 1.5e-3
+    assert trial.metrics["zmp_agreement_rmse"].value < 1e-7
     assert trial.comparison.zmp_split.residual < 1e-12
 
 

@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
-from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, mujoco_model, pinocchio_model, simulate, swinging
+from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.judge.built_in import rms
-from validation.measure.measure import _step_back, centre_of_pressure, measure
+from validation.measure.measure import centre_of_pressure, measure
 
 WEIGHT = (MASS + ARM_MASS) * GRAVITY
 
@@ -70,21 +69,16 @@ def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):
     _, measured = swing
     assert np.ptp(measured.zmp[:, 0]) > 0.05
     checks = measured.self_checks
-    assert zmp_gap(measured) < 2e-4
-    assert force_gap(measured) < 2e-3 * WEIGHT
+    assert zmp_gap(measured) < 1e-6
+    assert force_gap(measured) < 1e-5 * WEIGHT
     assert checks.com_agreement < 1e-12
     assert checks.angular_momentum_agreement < 1e-12
     assert abs(checks.impulse_residual) < 1e-6
 
 
-def test_the_gap_of_the_two_zmps_shrinks_with_the_time_step():
-    gaps = []
-    for dt in (0.002, 0.001, 0.0005):
-        measured = measured_of(swinging(steps=round(0.6 / dt), dt=dt))
-        rows = measured.time > 0.2  # the block lands on its points before that
-        gaps.append(np.sqrt(np.mean((measured.zmp - measured.zmp_momentum)[rows, 0] ** 2)))
-    order = np.log2(np.array(gaps[:-1]) / np.array(gaps[1:]))
-    np.testing.assert_allclose(order, 1.0, atol=0.2)
+def test_the_gap_of_the_two_zmps_does_not_depend_on_the_time_step():
+    for dt in (0.004, 0.002, 0.0005):
+        assert zmp_gap(measured_of(swinging(steps=round(0.6 / dt), dt=dt))) < 1e-6
 
 
 @pytest.mark.parametrize("index", [None, 0, 1, 2, 3])
@@ -121,12 +115,3 @@ def test_a_centre_of_pressure_is_where_a_force_meets_its_floor():
     force[:, 2] = 1.0 + np.abs(force[:, 2])
     found = centre_of_pressure(force, np.cross(place, force), 1.0, place[:, 2])
     np.testing.assert_allclose(found, place[:, :2], rtol=0.0, atol=1e-12)
-
-
-def test_a_step_back_is_undone_by_mujoco():
-    model, rng = mujoco_model(), np.random.default_rng(0)
-    q, qd = rng.normal(size=model.nq), rng.normal(size=model.nv)
-    q[3:7] /= np.linalg.norm(q[3:7])
-    (back,) = _step_back(q[None], qd[None], 0.1)
-    mujoco.mj_integratePos(model, back, qd, 0.1)
-    np.testing.assert_allclose(back, q, rtol=0.0, atol=1e-12)

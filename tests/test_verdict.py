@@ -67,7 +67,7 @@ def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
     [
         (2, (0.0, 0.0), ["failed_qp"]),
         (1, (0.0, 0.0), []),  # solved, in its second form
-        (0, (0.002, 0.001), ["zmp_agreement_relative"]),
+        (0, (0.002, 0.001), ["zmp_agreement_rmse"]),
     ],
 )
 def test_one_unsolved_qp_or_two_disagreeing_measurements_fail_the_run(walk, status, instrument, failed):

@@ -77,13 +77,6 @@ def _zmp_gaps(walk: Comparison) -> Array:
     return _distances(walk.measured.zmp, walk.measured.zmp_momentum, walk)
 
 
-def _zmp_gap_relative(walk: Comparison) -> float:
-    """Distance of both ZMPs over the distance that the ZMP moves from each instant to the next [1]."""
-    zmp = walk.measured.zmp
-    ways = _distances(np.vstack([zmp[1:], np.full((1, 2), np.nan)]), zmp, walk)
-    return rms(_zmp_gaps(walk)) / (rms(ways) or math.nan)
-
-
 def _equations(walk: Comparison, which: str) -> float | None:
     """Defect of the equations of motion, relative to the median change of velocity; None if not checked.
 
@@ -120,7 +113,6 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
         None if walk.first is None else _largest(_distances(walk.valid.zmp, walk.first.zmp, walk))
     ),
     "plan_changes": lambda walk: None if walk.first is None else float(walk.followed.changes),
-    "zmp_agreement_relative": _zmp_gap_relative,
     "zmp_agreement_rmse": lambda walk: rms(_zmp_gaps(walk)),
     "zmp_agreement_maximum": lambda walk: _largest(_zmp_gaps(walk)),
     "force_agreement_rmse": lambda walk: rms(

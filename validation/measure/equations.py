@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ampm.brief import Brief
 from ampm.geometry import Array
-from validation.trial.coordinates import PassiveJoints, to_pinocchio
+from validation.trial.coordinates import PassiveJoints, spatial_acceleration, to_pinocchio
 from validation.trial.record import SimulationRecord, stored_rows
 
 
@@ -86,15 +86,14 @@ def _defects(
     }
     forces = pin.StdVec_Force()
     forces.extend([pin.Force.Zero()] * model.njoints)
-    # MuJoCo's velocity of the root is in world, and Pinocchio's acceleration is spatial.
-    states, result = to_pinocchio(record.q[rows], record.qd[rows]), record.qd[rows + 1] - record.qd[rows]
-    spatial = dt * np.cross(states[1][:, 3:6], states[1][:, :3])
+    states = to_pinocchio(record.q[rows], record.qd[rows])
+    change = (record.qd[rows + 1] - record.qd[rows]) / dt
+    result = dt * spatial_acceleration(record.q[rows], states[1], change)
     for row, (q, v, torque) in enumerate(zip(*states, record.torque_at(rows), strict=True)):
         pin.forwardKinematics(model, data, q)
         for joint, load in loads.items():
             forces[joint] = data.oMi[joint].actInv(pin.Force(load[row]))
         generalized = -passive.damping * v
         generalized[6:] += torque - passive.stiffness[6:] * (q[7:] - passive.rest[6:])
-        result[row, :3] = data.oMi[1].rotation.T @ result[row, :3] - spatial[row]
         result[row] -= dt * pin.aba(model, data, q, v, generalized, forces)
     return result

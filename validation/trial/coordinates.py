@@ -51,6 +51,18 @@ def to_pinocchio(qpos: ArrayLike, qvel: ArrayLike) -> tuple[Array, Array]:
     return q, v
 
 
+def spatial_acceleration(qpos: Array, v: Array, change: Array) -> Array:
+    """Accelerations in Pinocchio's coordinates, as a new array.
+
+    ``qpos`` (..., nq) is MuJoCo's, ``v`` (..., nv) Pinocchio's, and ``change`` (..., nv) the rate of MuJoCo's
+    ``qvel``.
+    """
+    acceleration = np.array(change)
+    root = _rotate(qpos[..., 3:7], change[..., :3], inverse=True)
+    acceleration[..., :3] = root - np.cross(v[..., 3:6], v[..., :3])
+    return acceleration
+
+
 def to_mujoco(q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
     """Convert states of a free-root body from Pinocchio to MuJoCo; the inverse of :func:`to_pinocchio`."""
     qpos, qvel = np.array(q, dtype=float), np.array(v, dtype=float)

@@ -305,7 +305,7 @@ def plan_walk(
             f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
             way_out="walk with --planner none",
         )
-    if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.velocity):
+    if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.at(math.inf)):
         stands = f"the controller {run.controller.name} follows no command: it stands"
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not says.get("plans_footsteps", True):
