@@ -6,10 +6,11 @@ from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ampm.geometry import Array
 from validation.show.style import FAINT, GRID
@@ -22,7 +23,7 @@ DASHED = "4 3"
 
 _TOP, _BOTTOM, _GAP = 30, 30, 58
 """Room for title and legend, for labels below, and for all these between two charts [pt]."""
-_RIGHT = 9  # [pt]
+_RIGHT, _LABEL = 9, 15  # room right of the field, and for the label of the vertical axis [pt]
 _LETTERS = {"ijlftr.,:;' ": 3.0, "mwMW%": 7.5}  # widths of letters of 8 pt, others 5.2 [pt]
 
 
@@ -112,7 +113,14 @@ class Chart:
             if not self.xticks:
                 yield Mark(np.array([(place, y), (place, self.top)]), GRID)
             yield Word(place, y + 11, text, 8.0, "middle")
-        for text, at in (self.yticks or _ticks(low[1], high[1], self.height / 16)).items():
+        ticks = self.yticks or _ticks(low[1], high[1], self.height / 16)
+        if not self.yticks and max(map(_width, ticks)) > self.left - _LABEL:
+            power = math.floor(math.log10(max(-low[1], high[1])))
+            factor = 10.0**power
+            few = _ticks(low[1] / factor, high[1] / factor, self.height / 16)
+            ticks = {text: at * factor for text, at in few.items()}
+            yield Word(x - 4, self.top - 5, f"1e{power}", 8.0, "end")
+        for text, at in ticks.items():
             place = y + (at - low[1]) * unit[1]
             if not self.yticks:
                 yield Mark(np.array([(x, place), (x + self.width, place)]), GRID)
@@ -131,8 +139,7 @@ class Chart:
         lines: list[list[tuple[float, Mark]]] = []
         room = math.inf
         for mark in self.marks:
-            widths = (next((w for of, w in _LETTERS.items() if x in of), 5.2) for x in mark.label)
-            needed = 22 + sum(widths)
+            needed = 22 + _width(mark.label)
             if mark.label:
                 if room + needed > self.width + 4:
                     lines.append([])
@@ -237,17 +244,21 @@ def _points(x: ArrayLike, y: ArrayLike) -> Array:
     return np.column_stack([x, y]).astype(float)
 
 
+def _width(text: str) -> float:
+    """Width of a text of 8 pt, about [pt]."""
+    return sum(next((width for of, width in _LETTERS.items() if letter in of), 5.2) for letter in text)
+
+
 def _ticks(low: float, high: float, most: float) -> dict[str, float]:
     """Texts of round numbers between two ends, about so many at most, at these numbers."""
     least = (high - low) / max(most, 2.0)
     power = math.floor(math.log10(least))
     step = next(n * 10.0**power for n in (1, 2, 2.5, 5, 10) if n * 10.0**power >= least * (1 - 1e-9))
-    decimals = len(f"{step:.12f}".rstrip("0").partition(".")[2])
+    decimals = len(f"{step:.15f}".rstrip("0").partition(".")[2])
     numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
     if len(numbers) < 2:  # one shows no scale
         return _ticks(low, high, 2.0 * max(most, 2.0))
-    style = ".6g" if max(abs(low), abs(high)) < 1e-4 else f".{decimals}f"  # many zeros hide the axis' label
-    return {f"{n * step:{style}}".replace("-", "\u2212"): n * step for n in numbers}
+    return {f"{n * step:.{decimals}f}".replace("-", "\u2212"): n * step for n in numbers}
 
 
 def new_charts(
@@ -266,7 +277,7 @@ def new_charts(
     ]
 
 
-def decimate(time: Array, value: Array, buckets: int = 420) -> tuple[Array, Array]:
+def decimate(time: NDArray[Any], value: Array, buckets: int = 420) -> tuple[NDArray[Any], Array]:
     """Thin a curve, shape (N,), NaN where undefined.
 
     The smallest and largest sample of each bucket stay, so that spikes remain.

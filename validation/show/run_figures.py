@@ -1,6 +1,7 @@
 """All pictures of a run's report, from its files."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -75,6 +76,7 @@ class RunFigures:
         moved = self.saved.summary.get("ahead", {}).get("judged")
         found = {
             "walker": [self.walker(poses)] if poses else [],
+            "velocity": [self.velocity()] if is_free else [],
             "zmp": self.tracked("zmp", "xy") + ([self.ahead()] if moved else []),
             "above": [self.top_view()],
             "split": [] if is_log or is_free else [self.causes(axis) for axis in "xy"],
@@ -83,7 +85,6 @@ class RunFigures:
             "com": self.differing("residual/com"),
             "check": self.differing("selfcheck/zmp"),
             "cost": ([] if is_log else [self.torque_use()]) + self.differing("feedback/zmp"),
-            "velocity": [self.velocity()] if is_free else [],
         }
         every = iter(numbered(item for pictures in found.values() for item in pictures))
         return {section: [next(every) for _ in pictures] for section, pictures in found.items()}
@@ -102,9 +103,9 @@ class RunFigures:
         """Commanded and measured velocity over the whole run."""
         charts = new_charts(5.0, (1.0, 1.0, 1.0), width=2 * WIDTH)
         for chart, (column, (title, unit)) in zip(charts, VELOCITIES.items(), strict=True):
-            for kind, color in (("measured", MEASURED), ("command", COMMAND)):
+            for kind, color, width, dash in reversed(_KINDS[1:]):  # the command above the others
                 values = self.signals[f"{kind}_{column}"]
-                chart.line(*decimate(self.signals.time, values), color, 1.3, label=kind)
+                chart.line(*decimate(self.signals.time, values), color, width, dash=dash, label=kind)
             low, high = (float(ends[1]) for ends in chart.limits())
             chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
             chart.name(title, f"[{unit}]")
@@ -202,16 +203,16 @@ class RunFigures:
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
         (chart,) = charts = new_charts(2.7)
-        begin, end = self.window.start, self.window.stop
-        rows = np.arange(begin, end, max(1, (end - begin) // 280))
-        parts = 1e3 * np.stack([self.signals[f"zmp_error_{part}_{axis}"][rows] for part in CAUSES])
-        parts, time = np.nan_to_num(parts), self.signals.time[rows]
+        parts = np.stack([self.signals[f"zmp_error_{part}_{axis}"][self.window] for part in CAUSES])
+        parts, time = 1e3 * np.nan_to_num(parts), self.signals.time[self.window]
+        rows, error = decimate(np.arange(len(time)), parts.sum(axis=0), 140)
+        parts, time = parts[:, rows], time[rows]
         for half, labels in ((np.maximum(parts, 0.0), [*CAUSES.values()]), (np.minimum(parts, 0.0), None)):
             tops = np.cumsum(half, axis=0)
             for k, color in enumerate((*PARTS, FAINT, BAD)):  # unlike the grey columns
                 label = labels[k] if labels else ""
                 chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
-        chart.line(time, parts.sum(axis=0), INK, 1.1, label="error")
+        chart.line(time, error, INK, 1.1, label="error")
         shade_double_support(chart, self.signals, self.window)
         chart.name("", f"error along {axis} [mm]")
         return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", "Grey: double support.")
@@ -243,6 +244,8 @@ class RunFigures:
                 x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
                 chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
         chart.equal = True
+        fitted = [mark for mark in chart.marks if mark.label != "ZMP, command"]  # it leaves in a fall
+        chart.xlim, chart.ylim = zip(*replace(chart, marks=fitted).limits(), strict=True)
         chart.name("", "y, left [m]", "x, forward [m]")
         caption = "The other figures' stride and a step on either side."
         if is_whole or len(bounds) - 1 <= _STEPS:
