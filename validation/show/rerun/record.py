@@ -119,7 +119,7 @@ def _open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> I
     stream = rr.RecordingStream(name, recording_id=key, send_properties=False, batcher_config=whole)
     # In memory first: where the disk is full, the SDK's own file never ends its flush.
     memory = stream.memory_recording()
-    stream.send_blueprint(blueprint, make_active=False, make_default=True)
+    stream.send_blueprint(blueprint)  # active: the browser would show its own layout
     yield stream
     stream.flush()
     with output_file(path) as work:
@@ -217,9 +217,10 @@ class _Log:
         """Soles, support polygon, ZMPs, forces and COM."""
         signals, times = self.signals, self.times
         # The views follow this frame, so that the body stays in view and the floor moves.
-        follow = signals.vector("plan_com") * (1.0, 0.0, 0.0)
-        if self.saved.is_free:
-            follow = signals.vector("measured_com") * (1.0, 1.0, 0.0)
+        # A periodic gait sways about its line; other walks may turn.
+        follow = signals.vector("measured_com" if self.saved.is_free else "plan_com")
+        turns = self.saved.is_free or self.saved.from_rest
+        follow = (follow - (0.0, 0.0, follow[0, 2])) * (1.0, turns, not self.saved.is_free)
         self.columns("world/follow", times, rr.Transform3D.columns(translation=follow))
         floor = np.zeros(len(times)) if self.saved.is_log else self.soles()
         zmp = {kind: _on_floor(signals.vector(f"{kind}_zmp", "xy"), floor) for kind in SERIES}
