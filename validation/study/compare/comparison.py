@@ -285,8 +285,8 @@ class WalkComparison(Tabled):
         ]
         if self.unlike:
             notes.append(
-                "The bodies differ in size: lengths are shares of the foot, forces of the weight, momenta of "
-                "m√(gL³) with the length L of the foot. A robot's gait of another shape still differs."
+                "The bodies differ in size or weight: lengths are shares of the foot, forces of the weight, "
+                "momenta of m√(gL³) with the length L of the foot. A gait of another shape still differs."
             )
         tables = [Table("the walks", ["", *(f">{label}" for label in labels)], list(self._facts()), notes)]
         for group in (JUDGED, COST, OWN):
@@ -329,7 +329,7 @@ class WalkComparison(Tabled):
 
     @property
     def unlike(self) -> bool:
-        """Whether the bodies differ in size, so that values are compared as shares of it."""
+        """Whether the bodies differ in size or weight, so that values are compared as shares of it."""
         scales = [side.run.summary["scales"] for side in self.sides]
         sizes = np.array([(scale["body_weight"], scale["foot_length"]) for scale in scales])
         return bool((sizes.max(axis=0) > 1.01 * sizes.min(axis=0)).any())
@@ -338,7 +338,7 @@ class WalkComparison(Tabled):
         """How the walks ended, and in what they differ; a walk from Python may have more than its keys."""
         summaries = [side.run.summary for side in self.sides]
         for name in ("outcome", "verdict", "profile"):
-            yield name, *(str(summary[name]) for summary in summaries)
+            yield name, *(str(summary[name]).replace("_", " ") for summary in summaries)
         more = {
             "planner": [summary.get("planner") or "ampm" for summary in summaries],
             "controller": [summary.get("controller", "ampm") for summary in summaries],

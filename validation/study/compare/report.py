@@ -1,6 +1,7 @@
 """Files of a comparison, of walks or of two sweeps, with the curves of the walks over one another."""
 
 import os
+import shlex
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import create_model
 
+from ampm.exceptions import InputError
 from validation.judge.compare import SIGNALS
 from validation.judge.metric import display_unit
 from validation.judge.uncertainty import Uncertainty
@@ -43,8 +45,10 @@ def load_comparison(folder: Path) -> WalkComparison:
     studies: Any = {"study": Uncertainty | None, "robustness": Robustness | None}
     walk: Any = create_model("Walk", label=str, run=str, **studies)
     kind = create_model("Numbers", walks=list[walk])
-    way_out = "run 'ampm compare' again; that of sweeps has no pictures"
-    walks = read_json(folder / COMPARISON_FILE, kind, way_out)[1].walks
+    path, way_out = folder / COMPARISON_FILE, "run 'ampm compare' again"
+    if "matched" in read_json(path, dict[str, Any], way_out)[0]:
+        raise InputError(f"{folder} compares two sweeps: it has a page, no figures; {way_out} to write it.")
+    walks = read_json(path, kind, way_out)[1].walks
     sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
     return comparison_of(list(sides))
 
@@ -66,6 +70,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
     """The page for a folder; of walks with their curves, and links to their reports and recordings."""
     keys, pictures = draw_walks(result.sides)
+    folders = [os.path.relpath(side.run.directory, folder) for side in result.sides]
     return render_page(
         "curves.html.j2",
         result.title,
@@ -73,7 +78,8 @@ def render(result: WalkComparison | SweepComparison, folder: Path) -> str:
         tables=result.tables(),
         keys=keys,
         key_note="dashed: the plan of each; grey: planned double support of the first",
-        runs=[(side.label, os.path.relpath(side.run.directory, folder)) for side in result.sides],
+        runs=list(zip([side.label for side in result.sides], folders, strict=True)),
+        view=shlex.join(["ampm", "view", *folders]),
         pictures=pictures,
         citations=[cite_run(side.run) for side in result.sides],
     )

@@ -97,7 +97,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         rows.append((kind, names[row], a.states[row].label, state, why, parameters))
     columns = ("change", "run", "in A", "in B", "metrics", "parameters")
     changes = Table("regressions", columns, rows, tuple(_notes(a, b)))
-    return SweepComparison(f"{b.source} against {a.source}", len(rows_a), changes)
+    return SweepComparison(f"{b.source} (B) against {a.source} (A)", len(rows_a), changes)
 
 
 def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
