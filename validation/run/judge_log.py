@@ -203,7 +203,7 @@ def _aligned(
         if start is None:
             start, facts["correlation"] = find_start(log, plan)
             notes.append(
-                f"The plan begins at {start:.4f} s of the log, by correlation ({facts['correlation']:.3f})."
+                f"The plan begins at {start:z.4f} s of the log, by correlation ({facts['correlation']:.3f})."
             )
         facts["start"] = start
         time = log.time - start
@@ -225,6 +225,6 @@ def _aligned(
         )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
-        f"{log.time.size} instants of the plan are compared, {log.time[0]:.4g} to {log.time[-1]:.4g} s."
+        f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s."
     )
     return log.moved(by), {**facts, "notes": notes}

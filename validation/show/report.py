@@ -109,7 +109,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     if saved.is_log:
         log = saved.summary["log"]
         facts["steps covered"] = str(outcome.steps_completed)
-        facts["of the plan"] = f"{log['from']:.4g} to {log['until']:.4g} s"
+        facts["of the plan"] = f"{log['from']:.3f} to {log['until']:.3f} s"
         return facts | {"rows": f"{log['rows']} at {log['rate']:.4g} Hz"}
     planned = "" if plan is None else f" of {plan.contacts.steps}"
     facts["steps walked"] = f"{outcome.steps_completed}{planned}"

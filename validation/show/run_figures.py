@@ -159,7 +159,7 @@ class RunFigures:
         signals, rows, name = self.signals, self.window, curve.column
         time = signals.time[rows]
         for foot, color in _FEET.items():
-            if f"{foot}_{name}" in signals:
+            if self._has(f"{foot}_{name}"):
                 values = curve.scale * signals[f"{foot}_{name}"][rows]
                 chart.line(*decimate(time, values), color, 0.9, label=f"{foot} foot")
         plan, *others = _KINDS
