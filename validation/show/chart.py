@@ -234,7 +234,7 @@ def _fitted(charts: Sequence[Chart], width: float) -> list[Chart]:
         height, wide = chart.height * (share if chart.equal else 1.0), width - chart.left - _RIGHT
         lines = [textwrap.fill(line, round(wide / 5.0)) for line in chart.title.split("\n")]
         new = replace(chart, width=wide, height=height, title="\n".join(lines))
-        moved += new.heading_height() - chart.heading_height()
+        moved += max(0.0, new.heading_height() - (chart.top if len(charts) == 1 else _TOP) + 4.0)
         found.append(replace(new, top=chart.top + moved))
         moved += height - chart.height
     return found

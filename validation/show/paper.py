@@ -17,7 +17,7 @@ from validation.trial.plan import gait_title
 
 FORMATS, TABLES = ("pdf", "svg", "pgf"), ("tex", "md", "csv")
 """Formats of figures and of tables."""
-NARROWEST, WIDEST, GUTTER = 40.0, 300.0, 5.0
+NARROWEST, WIDEST, GUTTER = 80.0, 300.0, 5.0
 """Bounds of the width of a figure, and room between two columns, which wide figures span [mm]."""
 _TEXT_WIDTH = 190.0  # most that a wide figure spans, unless a column is wider [mm]
 _UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72.27, "m": 1000.0}

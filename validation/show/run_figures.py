@@ -268,7 +268,7 @@ class RunFigures:
         chart.yticks = {names[index]: -row for row, index in enumerate(order)}
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
-        chart.name("The busiest motors", "", "torque [% of the motor's limit]")
+        chart.name("The busiest motors", "", "torque [% of its limit]")
         return Picture(charts, "Torque of the busiest motors")
 
     def _tolerance(self, metric: str) -> float | None:
