@@ -114,7 +114,7 @@ class Chart:
                 yield Mark(np.array([(place, y), (place, self.top)]), GRID)
             yield Word(place, y + 11, text, 8.0, "middle")
         ticks = self.yticks or _ticks(low[1], high[1], self.height / 16)
-        if not self.yticks and max(map(_width, ticks)) > self.left - _LABEL:
+        if not self.yticks and max(map(text_width, ticks)) > self.left - _LABEL:
             power = math.floor(math.log10(max(-low[1], high[1])))
             factor = 10.0**power
             few = _ticks(low[1] / factor, high[1] / factor, self.height / 16)
@@ -139,7 +139,7 @@ class Chart:
         lines: list[list[tuple[float, Mark]]] = []
         room = math.inf
         for mark in self.marks:
-            needed = 22 + _width(mark.label)
+            needed = 22 + text_width(mark.label)
             if mark.label:
                 if room + needed > self.width + 4:
                     lines.append([])
@@ -244,7 +244,7 @@ def _points(x: ArrayLike, y: ArrayLike) -> Array:
     return np.column_stack([x, y]).astype(float)
 
 
-def _width(text: str) -> float:
+def text_width(text: str) -> float:
     """Width of a text of 8 pt, about [pt]."""
     return sum(next((width for of, width in _LETTERS.items() if letter in of), 5.2) for letter in text)
 

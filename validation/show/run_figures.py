@@ -13,7 +13,7 @@ from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
 from validation.judge.metric import display_unit
-from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered
+from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered, text_width
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve
 from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE
 from validation.show.walker import draw_walker
@@ -256,15 +256,16 @@ class RunFigures:
     def torque_use(self) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""
         record = self.saved.record
-        (chart,) = charts = new_charts(3.9, left=1.45)
         share = 100.0 * np.abs(record.tick_torque) / record.torque_limit
         order = np.argsort(share.max(axis=0))[::-1][:_MOTORS]
+        names = [name.removesuffix("_joint").replace("_", " ") for name in record.joint_names]
+        left = max(text_width(names[index]) for index in order) / 72 + 0.13
+        (chart,) = charts = new_charts(3.9, left=min(left, 2.0))
         peak, rms = share.max(axis=0)[order], np.sqrt((share**2).mean(axis=0))[order]
         for values, half, opacity, label in ((peak, 0.35, 0.45, "largest"), (rms, 0.16, 1.0, "RMS")):
             for row, value in enumerate(values):
                 corners = [0.0, value, value, 0.0], [-row - half, -row - half, -row + half, -row + half]
                 chart.area(*corners, PLAN, opacity=opacity, label=label if row == 0 else "")
-        names = [name.replace("_", " ") for name in record.joint_names]
         chart.yticks = {names[index]: -row for row, index in enumerate(order)}
         chart.xlim = (0.0, max(100.0, 1.05 * float(peak.max())))
         chart.instant(100.0, BAD, 0.9, dash=DASHED)
