@@ -1,5 +1,6 @@
 """Pictures of a plan."""
 
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,9 +37,10 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
     sample = plan.sample(times)
     paths = {"COM": sample.com, "DCM": sample.dcm, "ZMP": sample.zmp}
     force = 100 * sample.force.T / plan.weight
+    along_x = f"{textwrap.shorten(title, 54, placeholder=' ...')}: along x"
     along_y = f"along y (steps 1 to {shown} of {steps}; grey: double support)"
     curves = {
-        (f"{title}: along x", "[m]"): {name: values[:, 0] for name, values in paths.items()},
+        (along_x, "[m]"): {name: values[:, 0] for name, values in paths.items()},
         (along_y, "[m]"): {name: values[:, 1] for name, values in paths.items()},
         ("COM velocity", "[m/s]"): dict(zip("xy", sample.com_velocity.T, strict=False)),
         ("COM acceleration", "[m/s²]"): dict(zip("xy", sample.com_acceleration.T, strict=False)),
@@ -74,7 +76,9 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
 
 def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
+    title = ""
     if isinstance(plan, StepPlan):
+        title = "footprints (left purple, right yellow), support (shaded)"
         for points, contact in zip(*plan.points_in_contact(sample.time[:: _POINTS // 150]), strict=True):
             corners = convex_hull(points[contact])
             if len(corners) >= 3:
@@ -87,4 +91,4 @@ def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     for name, values in (("COM", sample.com), ("ZMP", sample.zmp)):
         chart.line(values[:, 0], values[:, 1], _COLORS[name], 1.3, label=name)
     chart.equal = True
-    chart.name("footprints (left purple, right yellow), support (shaded)", "y, left [m]", "x, forward [m]")
+    chart.name(title, "y, left [m]", "x, forward [m]")
