@@ -24,7 +24,6 @@ DASHED = "4 3"
 _TOP, _BOTTOM, _GAP = 30, 30, 58
 """Room for title and legend, for labels below, and for all these between two charts [pt]."""
 _RIGHT, _LABEL = 9, 15  # room right of the field, and for the label of the vertical axis [pt]
-_LETTERS = {"ijlftr.,:;' ": 3.0, "mwMW%": 7.5}  # widths of letters of 8 pt, others 5.2 [pt]
 
 
 @dataclass
@@ -116,9 +115,8 @@ class Chart:
         ticks = self.yticks or _ticks(low[1], high[1], self.height / 16)
         if not self.yticks and max(map(text_width, ticks)) > self.left - _LABEL:
             power = math.floor(math.log10(max(-low[1], high[1])))
-            factor = 10.0**power
-            few = _ticks(low[1] / factor, high[1] / factor, self.height / 16)
-            ticks = {text: at * factor for text, at in few.items()}
+            few = _ticks(low[1] / 10.0**power, high[1] / 10.0**power, self.height / 16)
+            ticks = {text: at * 10.0**power for text, at in few.items()}
             yield Word(x - 4, self.top - 5, f"1e{power}", 8.0, "end")
         for text, at in ticks.items():
             place = y + (at - low[1]) * unit[1]
@@ -246,7 +244,7 @@ def _points(x: ArrayLike, y: ArrayLike) -> Array:
 
 def text_width(text: str) -> float:
     """Width of a text of 8 pt, about [pt]."""
-    return sum(next((width for of, width in _LETTERS.items() if letter in of), 5.2) for letter in text)
+    return sum(3.0 if x in "ijlftr.,:;' " else 7.5 if x in "mwMW%" else 5.2 for x in text)
 
 
 def _ticks(low: float, high: float, most: float) -> dict[str, float]:

@@ -100,17 +100,8 @@ def write_paper(
 ) -> None:
     """Write everything into a folder, where equal names are replaced.
 
-    Args:
-        folder: of the files.
-        figures: in their order.
-        tables: likewise.
-        citations: of all runs.
-        form: of the figures, one of :data:`FORMATS`.
-        width: of a column [mm]; wide figures span two.
-        table_form: of the tables, one of :data:`TABLES`; None for none.
-
-    Raises:
-        InputError: the folder is a file, or cannot be written.
+    Figures have one of the :data:`FORMATS` and the width of a column [mm], wide ones of two; tables have one
+    of :data:`TABLES`, or are left out. Raises :class:`InputError` if the folder cannot be written.
     """
     check_target(folder, None, force=True)
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))

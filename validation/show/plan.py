@@ -76,9 +76,8 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
 
 def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     """Footprints, support polygons, COM and ZMP seen from above."""
-    title = ""
     if isinstance(plan, StepPlan):
-        title = "footprints (left purple, right yellow), support (shaded)"
+        chart.title = "footprints (left purple, right yellow), support (shaded)"
         for points, contact in zip(*plan.points_in_contact(sample.time[:: _POINTS // 150]), strict=True):
             corners = convex_hull(points[contact])
             if len(corners) >= 3:
@@ -91,4 +90,4 @@ def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:
     for name, values in (("COM", sample.com), ("ZMP", sample.zmp)):
         chart.line(values[:, 0], values[:, 1], _COLORS[name], 1.3, label=name)
     chart.equal = True
-    chart.name(title, "y, left [m]", "x, forward [m]")
+    chart.name(chart.title, "y, left [m]", "x, forward [m]")

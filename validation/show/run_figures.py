@@ -235,16 +235,14 @@ class RunFigures:
                     x, y = footprint(self.plan.feet.sole, step).T
                     chart.area(x, y, SHADE)
                     chart.line(x, y, _FEET[step.foot], 0.9)
-        there = [item for item in _KINDS if self._has(f"{item[0]}_zmp_x")]
-        for kind, color, width, dash in there:
-            x, y = self.signals.vector(f"{kind}_zmp", "xy")[rows].T
-            chart.line(x, y, color, width, dash=dash, label=f"ZMP, {kind}")
-        for kind, color, *_ in there:
-            if kind != "command":
-                x, y = self.signals.vector(f"{kind}_com", "xy")[rows].T
-                chart.line(x, y, color, dash="1 2", label=f"COM, {kind}")
+        paths = [("ZMP", *item) for item in _KINDS]
+        paths += [("COM", kind, color, 1.0, "1 2") for kind, color, *_ in (_KINDS[0], _KINDS[2])]
+        for what, kind, color, width, dash in paths:
+            if self._has(f"{kind}_zmp_x"):
+                x, y = self.signals.vector(f"{kind}_{what.lower()}", "xy")[rows].T
+                chart.line(x, y, color, width, dash=dash, label=f"{what}, {kind}")
         chart.equal = True
-        fitted = [mark for mark in chart.marks if mark.label != "ZMP, command"]  # it leaves in a fall
+        fitted = [mark for mark in chart.marks if mark.label != "ZMP, command"]  # far off in a fall
         chart.xlim, chart.ylim = zip(*replace(chart, marks=fitted).limits(), strict=True)
         chart.name("", "y, left [m]", "x, forward [m]")
         caption = "The other figures' stride and a step on either side."
@@ -281,12 +279,10 @@ class RunFigures:
         """Smallest and largest ``error`` over all strides at the same instant of the stride shown."""
         length = self.window.stop - self.window.start
         alike = [] if self.saved.from_rest else strides(self.signals)
-        folded = [error[rows.start : rows.start + length] for rows in alike]
-        folded = [part for part in folded if len(part) == length] or [error[self.window]]
-        stack = np.stack(folded)
-        # Instants without contact have no ZMP in any stride.
-        stack = np.where(np.isnan(stack).all(axis=0), 0.0, stack)
-        return np.nanmin(stack, axis=0), np.nanmax(stack, axis=0)
+        parts = [error[self.window], *(error[rows.start : rows.start + length] for rows in alike)]
+        stack = np.stack([part for part in parts if len(part) == length])
+        # Instants without contact may have no ZMP in any stride.
+        return np.nan_to_num(np.fmin.reduce(stack)), np.nan_to_num(np.fmax.reduce(stack))
 
     def _shade_pushes(self, chart: Chart, time: Array) -> None:
         """Shade the pushes at some instants, shape (N,) [s]."""

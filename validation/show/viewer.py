@@ -9,11 +9,7 @@ from ampm.exceptions import InputError
 
 
 def show_recording(recording: Path, *, web: bool = False) -> int:
-    """Open one recording, with ``web`` in a browser; wait until the viewer is closed.
-
-    Returns:
-        The viewer's exit status.
-    """
+    """Open one recording, with ``web`` in a browser; when it is closed, return the viewer's exit status."""
     return subprocess.call(viewer_command(recording, web=web))
 
 
