@@ -115,8 +115,12 @@ def test_an_error_is_drawn_as_measured_minus_planned_in_the_unit_of_its_axis(run
     saved = load_saved_run(run_dir)
     force = [saved.signals[f"{kind}_force_z"] for kind in ("measured", "plan")]
     error = 100.0 * (force[0] - force[1]) / (saved.record.mass * saved.record.gravity)
-    drawn = RunFigures(saved, saved.plan()).tracking(CURVES["force_z"]).charts[2].marks[1].points[:, 1]
+    figures = RunFigures(saved, saved.plan())
+    drawn = figures.tracking(CURVES["force_z"]).charts[2].marks[1].points[:, 1]
     assert (drawn.min(), drawn.max()) == pytest.approx((np.nanmin(error), np.nanmax(error)))
+    error = 1e3 * (saved.signals["measured_zmp_x"] - saved.signals["plan_zmp_x"])[figures.window]
+    drawn = figures.causes("x").charts[0].marks[-1].points[:, 1]
+    assert (drawn.min(), drawn.max()) == pytest.approx((error.min(), error.max()))
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.9])
