@@ -101,7 +101,10 @@ def write_paper(
     """Write everything into a folder, where equal names are replaced.
 
     Figures have one of the :data:`FORMATS` and the width of a column [mm], wide ones of two; tables have one
-    of :data:`TABLES`, or are left out. Raises :class:`InputError` if the folder cannot be written.
+    of :data:`TABLES`, or are left out.
+
+    Raises:
+        InputError: the folder is a file, or cannot be written.
     """
     check_target(folder, None, force=True)
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
