@@ -80,7 +80,11 @@ def test_axes_have_the_units_of_their_keys():
 
 
 def test_texts_and_infinities():
-    sweep = sweep_of(make_table(failures=False, grid=GRID))
+    table = make_table(failures=False, grid=GRID)
+    values = [*table["metric_zmp_y_rmse"].to_pylist()[:-1], np.inf]
+    sweep = sweep_of(replaced(table, "metric_zmp_y_rmse", values))
+    assert sweep.worst[0] == len(sweep) - 1
+    assert "inf mm" in sweep_metric_table(sweep).rows[-24]
     headings = [row[0] for row in sweep_metric_table(sweep).rows if is_heading(row)]
     assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner lipm"]
     charts = [picture.charts[0] for picture in draw_sweep(sweep)]

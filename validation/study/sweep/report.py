@@ -110,12 +110,14 @@ def _metric_rows(sweep: SweepTable, inside: NDArray[np.bool_]) -> Iterator[tuple
     """Rows of the metrics of some runs; the limit is a range where their bodies differ."""
     for metric in sweep.judged:
         values, limits, unit = sweep.shown(metric)
-        known = values[np.isfinite(values) & inside]
+        known = values[~np.isnan(values) & inside]
         if known.size:
             over = f"{int((sweep.used(metric) > 1.0)[inside].sum()):,} of {known.size:,}"
-            quantiles = [_amount(np.quantile(known, part), unit) for part in (0.5, 0.95, 1.0)]
+            with np.errstate(invalid="ignore"):  # between infinite values
+                parts = np.nan_to_num(np.quantile(known, (0.5, 0.95, 1.0)), nan=np.inf, posinf=np.inf)
             ends = [_amount(end(limits[inside & np.isfinite(limits)]), unit) for end in (np.min, np.max)]
-            yield sweep.label(metric), over, *quantiles, " ... ".join(dict.fromkeys(ends))
+            shown = (_amount(value, unit) for value in parts)
+            yield sweep.label(metric), over, *shown, " ... ".join(dict.fromkeys(ends))
 
 
 def _amount(value: float, unit: str) -> str:

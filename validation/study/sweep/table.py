@@ -211,12 +211,12 @@ class SweepTable(Tabled):
     def used(self, metric: str) -> Array:
         """Share of its tolerance that a metric used in every *completed* run, shape (N,); NaN elsewhere.
 
-        A tolerance of zero is used by 0 if it is met, and by infinity if not.
+        A tolerance of zero is used by 0 if it is met, and by infinity if not; so is any by an infinite value.
         """
         value, limit = self.numbers(METRIC + metric), self.limit_values(metric)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(limit > 0.0, value / limit, np.where(value > 0.0, np.inf, 0.0))
-        return np.where(self.measured & np.isfinite(value) & np.isfinite(limit), share, np.nan)
+        return np.where(self.measured & ~np.isnan(value) & np.isfinite(limit), share, np.nan)
 
     @cached_property
     def worst_used(self) -> Array:
@@ -233,11 +233,11 @@ class SweepTable(Tabled):
         return scale * values, scale * self.limit_values(metric), unit
 
     def tables(self) -> list[Table]:
-        """How many runs ended how, with an example of every reason why one did not walk."""
+        """How many runs ended how, with an example of each."""
         names, causes, rows = self.words("name"), self.words("cause"), []
         for (state, reason), found in self.endings.items():
             label = ": ".join([state.label, reason.replace("_", " ")]).removesuffix(": ")
-            example = "" if state.walked else f"run {names[found[0]]}: {causes[found[0]]}"
+            example = f"run {names[found[0]]}: {causes[found[0]]}".removesuffix(": ")
             rows.append((label, f"{len(found):,}", example))
         notes, summary = [], self.as_dict()
         if summary["refusals"] and not tomllib.loads(self.metadata["definition"])["sweep"]["tune"]:
@@ -311,6 +311,7 @@ def _table_row(definition: SweepDefinition, row: Row, texts: Sequence[str]) -> d
     run = int(name)
     values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
     found = {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
+    found |= {key: float(found[key]) for key in row if key.startswith(METRIC) and row[key] is not None}
     for key in texts:
         value = found[key]
         found[key] = str(value).lower() if isinstance(value, bool) else str(value)  # as `--set` takes it
