@@ -1,5 +1,6 @@
 """The engine of many walks: every task once, whatever ends a worker or the program."""
 
+import math
 import os
 import re
 import sys
@@ -45,6 +46,13 @@ def test_other_options_are_another_run(tmp_path):
         rows = walk_many([Task("a", square, {"number": number})], out=tmp_path, resume=True, workers=0)
         assert [row["square"] for row in rows] == [number**2]
     assert len(list(read_rows(tmp_path))) == 2
+
+
+def test_rows_are_json_for_every_reader(tmp_path):
+    task = Task("a", square, known={"metric_height": math.inf, "metric_width": math.nan})
+    assert list(walk_many([task], out=tmp_path, workers=0))
+    (row,) = read_rows(tmp_path)
+    assert (row["metric_height"], row["metric_width"]) == ("inf", None)
 
 
 def test_damaged_line_is_named(tmp_path):

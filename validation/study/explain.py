@@ -123,7 +123,7 @@ def walk_case(case: Case) -> Row:
 
     Returns:
         ``outcome``, ``cause``, ``verdict``, ``passed``, ``excess``; ``motor``, the hardest used, and whether
-        it was ``strained``; ``tightest``, the largest used share of a limit; ``metrics``: of every judged one
+        it was ``strained``; ``tightest``, the largest used share of a limit; ``metrics``: of those measured
         ``label``, ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of 0.
     """
     planned = plan_walk(case.request)
@@ -135,9 +135,11 @@ def walk_case(case: Case) -> Row:
         raise KeyboardInterrupt
     metrics = dict[str, Values]()
     for item in trial.verdict.judged:
+        if math.isnan(item.value):
+            continue
         used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
         metrics[item.name] = {"label": item.label, "text": str(item), "used": min(used, _MOST_USED)}
-    shares = [item["used"] for item in metrics.values() if not math.isnan(item["used"])]
+    shares = [item["used"] for item in metrics.values()]
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
         excess = _FALL * (2.0 - end.time / planned.plan.duration)

@@ -1,4 +1,4 @@
-"""Finished runs of a study, one line of JSON each, in ``rows.jsonl``."""
+"""Finished runs of a study, one line of JSON each, in ``rows.jsonl``; infinity is a word, and NaN null."""
 
 import errno
 import fcntl
@@ -12,6 +12,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.files import check_regular
+from validation.store.json import json_ready
 
 Row = dict[str, Any]
 
@@ -68,7 +69,7 @@ class RowFile:
         Raises :class:`OSError` if the disk is full; no part of the row stays.
         """
         start = self._file.seek(0, os.SEEK_END)
-        line = json.dumps(row).encode() + b"\n"
+        line = json.dumps(json_ready(row), allow_nan=False).encode() + b"\n"
         if self._file.write(line) != len(line):
             self._file.truncate(start)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file.name))

@@ -159,7 +159,7 @@ def combine(
     added. Of the contact laws the one counts that changes a metric most.
     """
     own = walks[OWN]
-    own_values: Mapping[str, float] = own.get("values", {})
+    own_values = _values(own)
     studied = {name: _study_metric(name, found, walks) for name in own_values}
     known = Uncertainty(
         gait=request.name,
@@ -173,6 +173,11 @@ def combine(
         ended = f"The walk at the gait's own parameters {own['outcome']}: {own['cause']}"
     verdict = judge(own_values, profile, own.get("scales", {}), known, ended=ended)
     return Convergence(request, tuple(found), walks, known, studied, verdict)
+
+
+def _values(row: Row) -> dict[str, float]:
+    """Metrics of a level, of which a stored row has infinity as a word, and NaN as null."""
+    return {name: math.nan if v is None else float(v) for name, v in row.get("values", {}).items()}
 
 
 def _sum_of(name: str, estimates: Mapping[str, Estimate]) -> float:
@@ -198,7 +203,7 @@ def _study_metric(name: str, studies: Sequence[Study], walks: Mapping[str, Row])
     changes = [0.0]
     for study in studies:
         rows = [walks[task] for task in study.tasks]
-        known = [row["values"] if row["outcome"] == "completed" else {} for row in rows]
+        known = [_values(row) if row["outcome"] == "completed" else {} for row in rows]
         levels[study.name] = values = tuple(found.get(name, math.nan) for found in known)
         if study.numerical:
             is_never = METRICS[name].nature in _NEVER
