@@ -50,7 +50,7 @@ class TaskResult:
 
     task: str  # name of the gait
     name: str  # of the planner
-    runs: int  # that should have walked; refused ones do not count, and equal ones count once
+    runs: int  # that should have walked, 0 if all broke; refused ones do not count, equal ones count once
     survived: int  # walks that completed
     error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
     effort: float  # median of their mechanical cost of transport [1]
@@ -224,6 +224,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     for place, found in groups.items():
         rows = np.array(found)
         tried = rows[~table.is_state(RunState.REFUSED)[rows]]
+        if table.is_state(*BROKEN)[tried].all():  # no answer about its walk
+            tried = tried[:0]
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}
         different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
         walked = np.array(sorted(different.values()), dtype=int)
