@@ -87,7 +87,7 @@ def walk_columns(trial: Trial) -> dict[str, Any]:
         "plan_duration": plan.duration,
         "plan_zmp_margin": plan.least_zmp_margin()[0],
         "outcome": str(outcome.name),
-        "cause": outcome.cause or None,
+        "cause": outcome.cause or (trial.verdict.reason if trial.verdict.name == "not_measured" else None),
         "verdict": str(trial.verdict.name),
         "failed": ",".join(item.name for item in trial.verdict.failed),
         "steps_completed": outcome.steps_completed,
