@@ -144,7 +144,7 @@ def robustness(
     only: list[str] | None = option(
         "--only", "Study only this, such as pushes or torque_bias; a wrong one lists all. Repeatable.", "KIND"
     ),
-    replicas: int = option("--replicas", "Walks for each push; four fifths have to survive.", "N", default=5),
+    replicas: int = option("--replicas", "Walks of each value; four fifths have to survive.", "N", default=5),
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
