@@ -84,10 +84,12 @@ def test_a_sweep_that_tunes_leaves_open_what_nothing_names():
 
 
 def test_blocks_are_crossed_and_the_last_key_changes_fastest():
-    text = GRID + "gait.c_s = [0.9, 1.1]\ngait.c_y = [0.2, 0.4, 0.6]\n"
+    text = GRID + "gait.c_s = { from = 0.9, to = 1.1, count = 2 }\ngait.c_y = [0.2, 0.4, 0.6]\n"
     text += LIST + "body.height = [1.6, 1.8]\nbody.mass = [50, 80]"
     sweep = parse_sweep(text)
     rows = [tuple(sweep.varied(i).values()) for i in range(len(sweep))]
+    again = parse_sweep(dump_sweep(sweep))
+    assert [tuple(again.varied(i).values()) for i in range(len(sweep))] == rows
     assert rows == [
         (c_s, c_y, height, mass)
         for c_s in (0.9, 1.1)

@@ -482,9 +482,7 @@ _HEAD = tuple(name for name in SweepDefinition.model_fields if name not in _TABL
 def dump_sweep(definition: SweepDefinition) -> str:
     """TOML text that :func:`load_sweep` reads back as an equal definition, without any other file."""
     head = definition.model_dump(include=set(_HEAD), exclude_none=True)
-    blocks = [block.model_dump(by_alias=True, exclude_none=True) for block in definition.vary]
-    vary = [{name: block[name] for name in block if name != "keys"} | block["keys"] for block in blocks]
-    table: dict[str, Any] = {"sweep": head, "set": dict(definition.set), "vary": vary}
+    table: dict[str, Any] = {"sweep": head, "set": dict(definition.set)}
     # The file of a gait may change or be missing later, so its contents are included.
     gaits = definition.gaits
     if not set(gaits) <= set(PRESETS) or definition.base != tuple(map(load_run, gaits)):
@@ -493,4 +491,14 @@ def dump_sweep(definition: SweepDefinition) -> str:
             kept = run.given | {key for key in KEYS if run.value(key) != key_info(key).default}
             sections = run.giving(kept).model_dump(exclude_unset=True)
             table["base"].append({name: section for name, section in sections.items() if section})
-    return tomli_w.dumps(table)
+    text = tomli_w.dumps(table)
+    for block in definition.vary:
+        text += "\n[[vary]]\n" + tomli_w.dumps(block.model_dump(exclude={"keys"}, exclude_none=True))
+        for key, value in block.keys.items():
+            if isinstance(value, Range):  # as a table it would come last, and change the order of the runs
+                items = value.model_dump(by_alias=True, exclude_none=True).items()
+                inside = ", ".join(tomli_w.dumps({name: item}).strip() for name, item in items)
+                text += f'"{key}" = {{ {inside} }}\n'
+            else:
+                text += tomli_w.dumps({key: value})
+    return text
