@@ -1,16 +1,8 @@
 """Ranks of planners, or of other values that a sweep varies: task by task, where a difference is decided.
 
 Every gait of the sweep is a task. Runs of a task that differ only in other varied keys (seeds, friction,
-mass, engine) are its replicas; those of equal values are pairs of two planners. One planner is better than
-another in a task
-
-- if their survival differs: the 95 % intervals (Wilson) of the shares of completed walks do not meet;
-- else if its error ahead is smaller by more than the doubt: the 95 % interval of the median of the pairs'
-  differences (order statistics) is farther from zero than the numerical uncertainty and the contact spread
-  together.
-
-The rank is one more than the number of those that are better. So planners whose difference is not decided
-share a rank.
+mass, engine) are its replicas; those of equal values are pairs of two planners. ``docs/league.md`` has the
+rule.
 """
 
 import math

@@ -133,7 +133,7 @@ class Convergence(Tabled):
 
         studied = self.studied[item.name]
         step = studied.estimates["time_step"]
-        order = str(step.kind) if step.order is None else f"{step.order:.2f}"
+        order = step.kind if step.order is None else f"{step.order:.2f}"
         extrapolated = shown(step.extrapolated)
         if step.extrapolated is not None and abs(step.extrapolated) < step.finest:
             extrapolated = "0"  # a value below its own uncertainty has no significant digits

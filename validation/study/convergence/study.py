@@ -27,8 +27,7 @@ LEVELS = 4
 STUDIES = own_rows("study/convergence/studies.csv")
 """Key of each study. A numerical one has the ratio of neighbouring levels, whose limit is zero.
 
-Others have values: those of the engine, or factors on the own value of a parameter of the contact law. It
-belongs to the model of one engine: its values approach no limit, so they give a spread, and no order. The
+Others have values: those of the engine, or factors on the own value of a parameter of the contact law. The
 stiffness of MuJoCo's contact is proportional to the inverse square of the time constant.
 """
 
