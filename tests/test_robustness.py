@@ -13,15 +13,7 @@ from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.store.json import write_json
 from validation.study.robustness import study as robustness
-from validation.study.robustness.cells import (
-    Cell,
-    Direction,
-    PushPhase,
-    chosen,
-    other_cells,
-    push_cells,
-    push_instant,
-)
+from validation.study.robustness.cells import Cell, chosen, other_cells, push_cells, push_instant
 from validation.study.robustness.result import CellResult, Robustness, needed
 from validation.study.robustness.study import climb, disturbance_of
 from validation.study.row_file import read_rows
@@ -146,9 +138,9 @@ def test_legs_that_meet_are_seen_and_a_hand_on_a_thigh_is_not():
 def test_directions_go_by_the_foot_after_the_push():
     contacts = walk_of().plan.contacts
     assert contacts.phases[0].stance == "left"
-    sides: dict[PushPhase, float] = {"early": 1.0, "mid": 1.0, "late": -1.0, "double": -1.0}
+    sides = {"early": 1.0, "mid": 1.0, "late": -1.0, "double": -1.0}
     for phase, side in sides.items():
-        signs: dict[Direction, float] = {"narrower": side, "wider": -side}
+        signs = {"narrower": side, "wider": -side}
         for direction, sign in signs.items():
             along = push_instant(contacts, direction, phase, 1)[1]
             np.testing.assert_allclose(along, [0.0, sign], rtol=0.0, atol=1e-12)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,19 +16,15 @@ from validation.table import own_rows
 
 DURATION = 0.1
 """Duration of the push [s]."""
-Direction = Literal["forward", "backward", "wider", "narrower"]
-DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
+_GRID = {"forward": 0.1, "backward": 0.1, "wider": 0.05, "narrower": 0.05}  # [m/s]
+DIRECTIONS = tuple(_GRID)
 """Directions of the push, along and across the walk. *narrower* is over the foot of the single support in
 which, or before which, the push ends, so that the next step must narrow or cross; *wider* is away from it."""
-PushPhase = Literal["early", "mid", "late", "double"]
-PUSH_PHASES: tuple[PushPhase, ...] = get_args(PushPhase)
-"""When a push begins: at 12, 50, 85 % of a single support, or in mid double support after it."""
 _SHARES = {"early": 0.12, "mid": 0.5, "late": 0.85, "double": 0.5}
-HEIGHTS = ("com", "chest")
-"""Where pushes act."""
+PUSH_PHASES = tuple(_SHARES)
+"""When a push begins: after this share of a single support, or in mid double support after it."""
 PUSHES = "pushes"
 _MOST = 2.0  # velocity change of a push [m/s]
-_GRID = {"forward": 0.1, "backward": 0.1, "wider": 0.05, "narrower": 0.05}
 
 
 @dataclass(frozen=True)
@@ -40,8 +35,8 @@ class Cell:
     key: str  # that it sets, `pushes` for a push
     # tried in this order until one is not survived, in the key's unit; of a push its velocity change [m/s]
     values: tuple[float, ...]
-    direction: Direction = "forward"  # of a push
-    phase: PushPhase = "mid"  # of a push
+    direction: str = "forward"  # of a push
+    phase: str = "mid"  # of a push
     height: str = "com"  # of a push
 
     @property
@@ -63,7 +58,7 @@ class Cell:
 def push_cells(quick: bool = False) -> tuple[Cell, ...]:
     """All pushes; ``quick``: early and late, on a grid of twice the size."""
     cells, phases = [], PUSH_PHASES[::2] if quick else PUSH_PHASES
-    for height, phase, direction in product(HEIGHTS, phases, DIRECTIONS):
+    for height, phase, direction in product(("com", "chest"), phases, DIRECTIONS):
         step = _GRID[direction] * (2.0 if quick else 1.0)
         values = tuple(round(step * n, 6) for n in range(1, round(_MOST / step) + 1))
         cells.append(Cell(f"{height} {phase} {direction}", PUSHES, values, direction, phase, height))
@@ -90,7 +85,7 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
 
 
 def push_instant(
-    contacts: Contacts, direction: Direction, phase: PushPhase, step: int, shift: float = 0.0
+    contacts: Contacts, direction: str, phase: str, step: int, shift: float = 0.0
 ) -> tuple[float, Array]:
     """Time at which a push begins [s], and its unit vector in world, shape (2,).
 
