@@ -33,19 +33,13 @@ from validation.study.row_file import ROWS, Row, RowFile
 
 @dataclass(frozen=True)
 class Task:
-    """One run: ``work(**options)`` returns the columns of its row, which JSON can write.
+    """One run: ``work(**options)`` returns the columns of its row, which JSON can write."""
 
-    Attributes:
-        key: unique in the study.
-        work: function of a module, called on a worker.
-        options: its arguments: parameters, plain values, and classes or objects of a user.
-        known: columns of a run that needs no walk, such as a refusal by formula.
-    """
-
-    key: str
-    work: Callable[..., Row]
+    key: str  # unique in the study
+    work: Callable[..., Row]  # function of a module, called on a worker
+    # its arguments: parameters, plain values, and classes or objects of a user
     options: Mapping[str, Any] = field(default_factory=dict)
-    known: Row | None = None
+    known: Row | None = None  # columns of a run that needs no walk, such as a refusal by formula
 
     @cached_property
     def digest(self) -> str:

@@ -48,12 +48,11 @@ class RowFile:
                     self._lines.pop((row["key"], row["digest"]), None)
                 else:
                     self._lines[row["key"], row["digest"]] = start, length
-        except BlockingIOError:
+        except (BlockingIOError, InputError) as error:
             self._file.close()
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"another program is writing {folder}; wait until it has ended.") from None
-        except InputError:
-            self._file.close()
-            raise
 
     def get(self, key: str, digest: str) -> Row | None:
         """The row of a task, None if it has not finished."""

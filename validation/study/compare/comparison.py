@@ -54,10 +54,6 @@ _SIZES = {
 """Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
 _ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
 _OF_RUN = ("disturbance.", "sensors.")  # disturbances by keys of the run, which its study has, too
-_FAR = 0.5
-"""Walks that use a smaller share of every limit stay far below them [1]."""
-_ROUNDING = 1e-9
-"""Share beyond a limit that is rounding, as of a friction that is used up [1]."""
 
 
 @dataclass(frozen=True)
@@ -256,8 +252,8 @@ class WalkComparison(Tabled):
         for k, side in enumerate(self.sides):
             used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
             share, label = max(used, default=(math.nan, "no limit is known"))
-            kept = f"stayed {'far ' if share < _FAR else ''}below every limit"
-            if over := sum(item[0] > 1.0 + _ROUNDING for item in used):
+            kept = "stayed below every limit"
+            if over := sum(item[0] > 1.0 + 1e-9 for item in used):  # not by rounding, as of used up friction
                 kept = f"exceeded {over} of {len(used)} limits"
             said.setdefault((kept, label), []).append((side.label, format_share(share, 1.0)))
         return ", ".join(

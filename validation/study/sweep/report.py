@@ -126,11 +126,7 @@ def _amount(value: float, unit: str) -> str:
 
 
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
-    """Whether a sweep passes: all walks met every tolerance, and every run has a result.
-
-    Returns:
-        ``pass``, ``fail`` or ``open``; a few words; a sentence.
-    """
+    """Whether every run has a result, and all walks pass: ``pass``, ``fail`` or ``open``; words; sentence."""
     counts, missing = sweep.counts, sweep.planned - len(sweep)
     walked, passed = sum(counts[state] for state in RunState if state.walked), counts[RunState.PASS]
     sentence = f"{passed:,} of {walked:,} runs that walked met every tolerance."

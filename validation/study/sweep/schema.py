@@ -24,21 +24,16 @@ from validation.run.trial import Trial
 from validation.table import own_rows
 from validation.trial.followed import LEADS
 
-Options = Mapping[str, Sequence[Option]]
-"""Options of users' classes, by their keys, with their values."""
 AHEAD = ("zmp_x", "zmp_y")
 """Signals with a column of their RMS error for each lead of the plan."""
 _TYPES = {"float": pa.float64(), "int": pa.int64(), "text": pa.string()}
 
 
-def schema(options: Options = MappingProxyType({})) -> pa.Schema:
-    """All columns, in the order of the table; a metric that is registered later adds its own.
+def schema(options: Mapping[str, Sequence[Option]] = MappingProxyType({})) -> pa.Schema:
+    """All columns, in the order of the table; options of a sweep and registered metrics add their own.
 
     The metadata of a field has the ``unit`` of its column, SI, `1` for a plain number, empty for words; and
     its ``meaning``.
-
-    Args:
-        options: of a sweep, each of which adds a column.
     """
     own: dict[str, list[pa.Field]] = defaultdict(list)
     for row in own_rows("study/sweep/columns.csv"):

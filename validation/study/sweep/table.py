@@ -254,7 +254,7 @@ class SweepTable(Tabled):
         """RunState, and reason of runs that did not walk, to rows; in each state the most frequent first."""
         found: dict[tuple[RunState, str], list[int]] = {}
         for row, (state, reason) in enumerate(zip(self.states, self.words("reason"), strict=True)):
-            found.setdefault((state, "" if state.walked else reason), []).append(row)
+            found.setdefault((state, reason), []).append(row)
         order = list(RunState)
         return dict(sorted(found.items(), key=lambda item: (order.index(item[0][0]), -len(item[1]))))
 
