@@ -71,7 +71,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     for number, name in enumerate(metrics):
         before, after = a.numbers(METRIC + name)[rows_a], b.numbers(METRIC + name)[rows_b]
         both = completed & np.isfinite(before) & np.isfinite(after)
-        growth = np.where(both, after - before, 0.0)
+        growth = np.subtract(after, before, out=np.zeros(len(rows_a)), where=both)
         limit = b.limit_values(name)[rows_b] if name in b.limits else a.limit_values(name)[rows_a]
         noise = rounding(np.fmax(before, after), a.unit(METRIC + name))
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
