@@ -127,7 +127,7 @@ def shown_changes(item: MetricResult, levels: Sequence[float]) -> NDArray[np.flo
 
 @style()
 def draw(result: Convergence, path: Path) -> None:
-    """Draw a plot for every numerical study, side by side, and the legend below.
+    """Draw a plot for every numerical study, side by side, and the legend below, without self-checks.
 
     Changes that are rounding are gaps, and dots are a change in proportion to the level.
     """
@@ -136,7 +136,7 @@ def draw(result: Convergence, path: Path) -> None:
         study.name: {
             item.label: shown_changes(item, result.studied[item.name].levels[study.name])
             for item in result.metrics.values()
-            if item.tolerance is not None and item.value
+            if item.tolerance is not None and item.value and not METRICS[item.name].is_self_check
         }
         for study in found
     }

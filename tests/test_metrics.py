@@ -83,7 +83,7 @@ def test_tables_keep_the_readable_name_and_no_process_without_the_metric_explain
     assert ampm("compare", folder, folder, "--json").json["metrics"][drop.name]["label"] == drop.label
     unregister(drop.name)
     assert [row[0] for row in sweep_metric_table(table).rows].count(drop.label) == 1
-    assert f"metric '{drop.name}' is not known here" in ampm("explain", folder).err
+    assert f"metrics not known here: {drop.name};" in ampm("explain", folder).err
 
 
 def test_a_metric_that_a_run_lacks_or_no_profile_judges_is_refused(drop, tmp_path, ampm):

@@ -298,8 +298,8 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
     """A run's summary, its metrics judged again by a profile; raises InputError of an unknown one."""
     entries = summary["metrics"]
     if unknown := [name for name in entries if name not in METRICS]:
-        names = ", ".join(f"'{name}'" for name in unknown)
-        raise InputError(f"metric {names} is not known here; register it, or name it with --metric.")
+        names = ", ".join(unknown)
+        raise InputError(f"metrics not known here: {names}; register them, or name them with --metric.")
 
     def of(key: str) -> dict[str, float]:
         """Numbers of the summary, in which infinity is a word."""
