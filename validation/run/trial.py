@@ -9,7 +9,6 @@ from typing import Any
 
 from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
-from ampm.section import unknown
 from ampm.walk import WalkPlan
 from validation.judge.compare import Comparison
 from validation.judge.profiles import Profile, find_profile
@@ -31,13 +30,6 @@ from validation.table import Table, Tabled
 from validation.trial.files import RunFile
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
-
-
-class _Metrics(dict[str, MetricResult]):
-    """By name."""
-
-    def __missing__(self, name: str) -> MetricResult:
-        raise unknown(name, self, "metric")
 
 
 @dataclass(frozen=True)
@@ -82,8 +74,8 @@ class Trial(Tabled):
 
     @property
     def metrics(self) -> Mapping[str, MetricResult]:
-        """Every metric of this walk, judged or not, by name; the error of a wrong name has the nearest."""
-        return _Metrics({item.name: item for item in self.verdict.metrics})
+        """Every metric of this walk, judged or not, by name."""
+        return {item.name: item for item in self.verdict.metrics}
 
     @property
     def record(self) -> SimulationRecord:

@@ -354,7 +354,8 @@ def read_sweep(folder: Path | str) -> SweepTable:
     folder = Path(folder)
     file = folder / SweepFile.RESULTS
     if not is_sweep(folder):
-        raise InputError(f"{folder} holds no sweep; give the --out folder of one.")
+        lacks = "holds no sweep" if folder.exists() else "does not exist"
+        raise InputError(f"{folder} {lacks}; give the --out folder of a sweep.")
     if not file.is_file():
         definition = load_sweep(folder / SweepFile.DEFINITION)
         rows = {row["key"]: row for row in (read_rows(folder) if (folder / ROWS).is_file() else ())}
