@@ -299,7 +299,8 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
     entries = summary["metrics"]
     if unknown := [name for name in entries if name not in METRICS]:
         names = ", ".join(unknown)
-        raise InputError(f"metrics not known here: {names}; register them, or name them with --metric.")
+        own = "register them, or name them with --metric, or walk again if another version made the run"
+        raise InputError(f"metrics not known here: {names}; {own}.")
 
     def of(key: str) -> dict[str, float]:
         """Numbers of the summary, in which infinity is a word."""
