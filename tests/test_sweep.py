@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 from typing import Any
 
 import pyarrow as pa
@@ -152,10 +153,11 @@ def test_resume_walks_what_is_missing_and_gives_the_same_table(command, out, cap
 
 
 def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monkeypatch):
-    ENDS[4] = KeyboardInterrupt()
+    ENDS[1], ENDS[4] = {"gait.a_s": math.inf}, KeyboardInterrupt()
     assert command() == 130
     assert "--resume" in capsys.readouterr().err.splitlines()[-1]
     ongoing = read_sweep(out)
+    assert math.inf in ongoing.numbers("gait.a_s")
     assert (len(ongoing), ongoing.planned) == (6, 9)  # refusals are found ahead of the walks
     monkeypatch.undo()
     assert call(["report", str(out)]) == 0

@@ -420,7 +420,9 @@ def compare_runs(
     if len(set(labels)) < len(labels):
         labels = [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
     if len(robustness) not in (0, len(labels)):
-        raise InputError(f"--robustness is given {len(robustness)} times; give it once for each walk.")
+        raise InputError(
+            f"--robustness names {len(robustness)} of {len(labels)} studies; give it once for each walk."
+        )
     sides = []
     for label, folder, file in zip_longest(labels, folders, robustness):
         run = load_saved_run(folder)

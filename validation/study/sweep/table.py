@@ -311,7 +311,7 @@ def _table_row(definition: SweepDefinition, row: Row, texts: Sequence[str]) -> d
     run = int(name)
     values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
     found = {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
-    found |= {key: float(found[key]) for key in row if key.startswith(METRIC) and row[key] is not None}
+    found |= {key: float(value) for key, value in row.items() if value in ("inf", "-inf")}
     for key in texts:
         value = found[key]
         found[key] = str(value).lower() if isinstance(value, bool) else str(value)  # as `--set` takes it
