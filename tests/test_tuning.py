@@ -16,7 +16,7 @@ from ampm.parameters import KEYS, OPEN_KEYS
 from ampm.planner.support import plan_steps
 from ampm.presets import PRESETS
 from ampm.run_file import leaves_open, load_run
-from ampm.tune import free_choices
+from ampm.tune import free_choices, tuning
 from ampm.tune.first_gait import first_gait
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, step_torques
@@ -296,6 +296,16 @@ def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
         kept = [setting for setting in settings if setting.partition("=")[0] not in opened]
         run, robot = body_of(*kept, *changes)
         tune(run, robot, advise=False)  # raises if it is refused
+
+
+@pytest.mark.slow
+def test_a_search_that_just_finds_nothing_goes_on(monkeypatch):
+    gait = ("gait.step_length=0.638", "gait.switching_velocity=0.765", "gait.c_y=0.541", "gait.c_s=1.714")
+    run, robot = body_of(*gait, "body.height=1.874", "body.mass=60.111")
+    assert tune(run, robot).worst() >= 0.0
+    monkeypatch.setattr(tuning, "_TO_FINISH", 0)
+    with pytest.raises(NoFeasibleChoice):
+        tune(run, robot, advise=False)
 
 
 def judged(accepted, settings=("gait.step_length=0.7", "gait.c_s=1.4", "gait.c_y=0.4")):

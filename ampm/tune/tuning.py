@@ -44,6 +44,7 @@ _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
 _STARTS = 64  # number of starts spread over the ranges, where the search from the guess finds nothing
 _FROM_STARTS = 80  # most choices of the search from the best of these starts
+_TO_FINISH = 60  # most choices with which the nearest search goes on
 _FARTHEST = -10.0  # margin of the best start below which there is no such search
 _FOR_WAYS_OUT = 40  # most choices of all searches for a way out
 _OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
@@ -170,11 +171,10 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
         MathematicalRefusal: there is no guess.
         NoFeasibleChoice: none finds one, or its motion is refused.
     """
-    searches: list[ChoiceSearch] = []
+    searches: dict[ChoiceSearch, None] = {}  # without repetition, in turn
     refusal = None
-    for search, start in _searches(space, robot, report, effort):
-        searches.append(search)
-        best = _improved(search, start)
+    for search, best in _searches(space, robot, report, effort):
+        searches[search] = None
         if best.worst() < 0.0:
             continue
         try:
@@ -201,34 +201,42 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
 def _searches(
     space: FreeChoices, robot: Robot, report: Report, effort: Effort
 ) -> Iterator[tuple[ChoiceSearch, Candidate]]:
-    """Searches in turn, and the choices that they go on from.
+    """Searches in turn, each with its best choice.
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, and the heel of a foot without toes rose late, it rises early in another one. A
-    last one begins with the best of starts that are spread over the ranges, and list and rotation of the
-    pelvis are free, too.
+    Where it finds nothing, and the heel of a foot without toes rose late, it rises early in another one. One
+    begins with the best of starts that are spread over the ranges, with list and rotation of the pelvis free,
+    too. Where the best search comes near to its limits, it goes on, however far from the guess.
     """
-    search = _begun(space, robot, report, effort)
-    twist = search.candidates[-1].margins().get("twist", math.inf)
+    first = _begun(space, robot, report, effort)
+    twist = first.candidates[-1].margins().get("twist", math.inf)
     if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description, _PELVIS)
         balanced = _begun(still, robot, report, effort)
-        search = search if balanced.candidates[-1].orbit is None else balanced
-    yield search, search.candidates[-1]
+        first = first if balanced.candidates[-1].orbit is None else balanced
+    yield first, _improved(first, first.candidates[-1])
     if not effort.starts or not space.names:
         return
-    if search.space.deferred:
-        run = search.space.run
-        early = FreeChoices(run, space.fixed, robot.description, _PELVIS, early=True)
-        search = _begun(early, robot, report, effort)
-        yield search, search.candidates[-1]
-    wide = FreeChoices(space.run, space.fixed, robot.description)
-    search = ChoiceSearch(wide, RoughOrbits(robot, space.run), report, effort)
-    start = search.spread(effort.starts)
+    searches = [first]
+    if first.space.deferred:
+        soon = FreeChoices(first.space.run, space.fixed, robot.description, _PELVIS, early=True)
+        early = _begun(soon, robot, report, effort)
+        searches.append(early)
+        yield early, _improved(early, early.candidates[-1])
+    wide = ChoiceSearch(
+        FreeChoices(space.run, space.fixed, robot.description), RoughOrbits(robot, space.run), report, effort
+    )
+    start = wide.spread(effort.starts)
     more = _FROM_STARTS if start.worst() > _FARTHEST else 0
-    search.effort = replace(effort, choices=len(search.candidates) + more)
-    yield search, start
+    wide.effort = replace(effort, choices=len(wide.candidates) + more)
+    searches.append(wide)
+    yield wide, _improved(wide, start)
+    nearest = max(searches, key=lambda search: search.best().worst())
+    if nearest.best().worst() > _HOPELESS:
+        nearest.effort = replace(effort, choices=len(nearest.candidates) + _TO_FINISH)
+        nearest.minimise(nearest.best(), wanted=0.15, pull=0.0, enough=0.1, renewed=True)
+        yield nearest, nearest.best()
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
