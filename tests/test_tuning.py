@@ -303,7 +303,7 @@ def test_a_search_that_just_finds_nothing_goes_on(monkeypatch):
     gait = ("gait.step_length=0.638", "gait.switching_velocity=0.765", "gait.c_y=0.541", "gait.c_s=1.714")
     run, robot = body_of(*gait, "body.height=1.874", "body.mass=60.111")
     assert tune(run, robot).worst() >= 0.0
-    monkeypatch.setattr(tuning, "_TO_FINISH", 0)
+    monkeypatch.setattr(tuning, "_TO_FINISH", 1)
     with pytest.raises(NoFeasibleChoice):
         tune(run, robot, advise=False)
 

@@ -185,13 +185,7 @@ class ChoiceSearch:
         return Candidate(x, run, plan, tightest(values), np.minimum(detail, _AMPLE), orbit)
 
     def minimise(
-        self,
-        start: Candidate,
-        *,
-        wanted: float = 1.0,
-        pull: float = _PULL,
-        enough: float = math.inf,
-        renewed: bool = False,
+        self, start: Candidate, *, wanted: float = 1.0, pull: float = _PULL, enough: float = math.inf
     ) -> Candidate:
         """Least squares from a choice that has an orbit, by Gauss and Newton in a trust region.
 
@@ -203,12 +197,11 @@ class ChoiceSearch:
             wanted: margin from which a limit has no residual [1].
             pull: weight of the distance to the guess [1].
             enough: least margin at which it ends, at most that of the effort [1].
-            renewed: whether slopes that are known are computed again at the beginning.
 
         Returns:
             The candidate with the least residuals.
         """
-        space, here, radius, stale, cost_at_slopes = self.space, start, _RADIUS, renewed, math.inf
+        space, here, radius, stale, cost_at_slopes = self.space, start, _RADIUS, False, math.inf
         enough = min(enough, self.effort.enough)
 
         def away(candidate: Candidate) -> Array:

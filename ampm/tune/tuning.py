@@ -44,10 +44,10 @@ _SPARE = 0.4  # margin with which the values that there are stay
 _HOPELESS = -1.0  # margin below which no search with small margins follows
 _STARTS = 64  # number of starts spread over the ranges, where the search from the guess finds nothing
 _FROM_STARTS = 80  # most choices of the search from the best of these starts
-_TO_FINISH = 60  # most choices with which the nearest search goes on
+_TO_FINISH = 60  # most choices of the search that goes on from the nearest one
 _FARTHEST = -10.0  # margin of the best start below which there is no such search
 _FOR_WAYS_OUT = 40  # most choices of all searches for a way out
-_OF_A_WAY_OUT = 0.1  # margin that is enough for a way out
+_JUST_ENOUGH = 0.1  # margin that is enough for a way out, and for the search that goes on
 _GRID = 0.1  # largest error of a margin on the coarse grid: 2 % of a torque limit
 _LOST = 0.4  # least share of a torque limit that dampers, springs and dry friction take to be told of [1]
 _L_Z = "body.angular_momentum_z"
@@ -96,7 +96,7 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
 
     def accepts(changed: RunParameters, choices: int) -> tuple[bool, int]:
         try:
-            return True, _tuned(changed, robot, report, Effort(choices, _OF_A_WAY_OUT)).tried
+            return True, _tuned(changed, robot, report, Effort(choices, _JUST_ENOUGH)).tried
         except (RefusedGait, InputError) as error:
             return False, getattr(error, "tried", 1)
 
@@ -171,10 +171,10 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
         MathematicalRefusal: there is no guess.
         NoFeasibleChoice: none finds one, or its motion is refused.
     """
-    searches: dict[ChoiceSearch, None] = {}  # without repetition, in turn
+    searches: list[ChoiceSearch] = []
     refusal = None
     for search, best in _searches(space, robot, report, effort):
-        searches[search] = None
+        searches.append(search)
         if best.worst() < 0.0:
             continue
         try:
@@ -233,10 +233,11 @@ def _searches(
     searches.append(wide)
     yield wide, _improved(wide, start)
     nearest = max(searches, key=lambda search: search.best().worst())
-    if nearest.best().worst() > _HOPELESS:
-        nearest.effort = replace(effort, choices=len(nearest.candidates) + _TO_FINISH)
-        nearest.minimise(nearest.best(), wanted=0.15, pull=0.0, enough=0.1, renewed=True)
-        yield nearest, nearest.best()
+    best = nearest.best()
+    if _HOPELESS < best.worst() < _JUST_ENOUGH:
+        last = ChoiceSearch(nearest.space, nearest.orbits, report, Effort(_TO_FINISH, _JUST_ENOUGH))
+        last.minimise(best, wanted=0.15, pull=0.0)
+        yield last, last.best()
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
