@@ -27,9 +27,7 @@ _SWING_RATE = 8.0  # least rate of the swing foot's feedback times the swing's d
 _SOFT_STRIKE = 0.5  # heel strike angle of a foot without toes over that of a human's [1]
 _LIFT_RATE = 5.0  # most at which a foot without toes begins to turn at lift-off [rad/s]
 _FASTEST_LIFT = 30.0  # of foot.toe_off_rate [rad/s]
-# When the ZMP reaches the front edge of a foot without toes, it is at the edge of the support. So its heel
-# rises later by a share of the rest of the double support, up to a share of the whole [1].
-_LATER_RISE, _LATEST_RISE = 0.3, 0.5
+_LATEST_RISE = 0.7  # share of the time from the ZMP's reaching the edge to lift-off that it may delay a heel
 # In which a point opens: share of the double support, with toes and without [1], and at most [s].
 _RAMP, _RAMP_WITHOUT_TOES, _LONGEST_RAMP = 0.35, 0.5, 0.09
 _LANDING_TURN = 1.7  # heel strike rate over its mean: the foot comes down turning, and slows down
@@ -60,6 +58,9 @@ CHOICES = (
     Choice("rotation", "body.pelvis_rotation", -0.1, 0.4, 0.1, 0.0),
     Choice("spread", "body.arm_abduction", 0.0, 0.8, 0.1, 0.1),
     Choice("toe_off", "foot.toe_off_angle", 0.0, 1.15, 0.15, 0.45),  # the guess is of a step of middle length
+    # Delay of the heel's rise, as a share of what is left of the double support. When the ZMP reaches the
+    # front edge of a foot without toes, this edge would carry the whole weight.
+    Choice("rise", "foot.heel_rise_lead", 0.0, 0.7, 0.2, 0.4, derived=True),
     # Rate at toe off over the mean rate:
     Choice("toe_turn", "foot.toe_off_rate", 1.0, 2.3, 0.3, 1.8, derived=True),
     Choice("toe_back", "foot.toe_return", 0.35, 1.0, 0.15, 0.8),
@@ -68,17 +69,17 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Six more open keys follow: the heel rises when the ZMP reaches the ball, without toes later
-(``foot.heel_rise_lead``), the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
+"""Five more open keys follow: the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
 feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), the load
 goes from foot to foot in the double support (``controller.contact_ramp``), and L_z is held at zero where the
 feet could not hold its swing (``body.angular_momentum_z``)."""
-_ROLLING = {"toe_off", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
+_ROLLING = {"toe_off", "rise", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _SPREAD = {
     "ratio": (-0.45, 0.1),
     "height": (-0.5, 0.05),
     "width": (-0.45, 0.05),
     "toe_off": (-0.05, 0.45),
+    "rise": (-0.7, 0.1),
     "strike": (-0.05, 0.4),
     "list": (-0.4, 0.4),
     "rotation": (0.0, 0.6),
@@ -95,10 +96,6 @@ class FreeChoices:
         fixed: keys that may not be changed.
         description: the body.
         held: open keys that keep the guess.
-        early: whether the heel of a foot without toes rises as soon as the ZMP reaches its front edge.
-
-    Attributes:
-        deferred: whether a heel has risen later than it must.
     """
 
     def __init__(
@@ -107,17 +104,15 @@ class FreeChoices:
         fixed: Collection[str],
         description: BodyDescription,
         held: Collection[str] = (),
-        early: bool = False,
     ) -> None:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
         self.held = frozenset(held)
         self.sole = description.sole
         self.ramp = _RAMP if self.sole.has_toes else _RAMP_WITHOUT_TOES
         self.flat = run.foot.schedule == "flat"
-        rises = not (self.flat or self.sole.has_toes or "foot.heel_rise_lead" in self.fixed)
-        self.rises_later, self.deferred = rises and not early, False
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
-        names = {choice.name for choice in CHOICES} - self.useless
+        of_toes = {"rise"} if self.sole.has_toes else set()
+        names = {choice.name for choice in CHOICES} - self.useless - of_toes
         kept = self.fixed | self.held
         free = [choice for choice in CHOICES if choice.name in names and choice.key not in kept]
         self.names = [choice.name for choice in free]
@@ -153,7 +148,7 @@ class FreeChoices:
         """Free keys and their values in a run with choices."""
         idle = {_RANGE[name].key for name in self.useless}
         if self.flat:
-            idle |= {"foot.heel_rise_lead", "foot.heel_strike_rate"}
+            idle.add("foot.heel_strike_rate")
         return {key: run.value(key) for key in OPEN_KEYS if key not in self.fixed | idle}
 
     # -------------------------------------------------------------- parameters
@@ -196,13 +191,9 @@ class FreeChoices:
         rolling = self._rolling(run, choice, double, lead)
         if "foot.heel_rise_lead" in self.fixed:
             return rolling
-        late = _later_rise(self.first_steps(rolling))
         rest = double + lead
-        late = min(late, 0.7 * rest)
-        if self.rises_later:
-            later = min(_LATER_RISE * rest, _LATEST_RISE * double + lead)
-            self.deferred |= later > late
-            late = max(late, later)
+        late = min(_later_rise(self.first_steps(rolling)), _LATEST_RISE * rest)
+        late += choice["rise"] * (rest - late)
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
     def first_steps(self, run: RunParameters) -> StepPlan:
@@ -254,6 +245,7 @@ class FreeChoices:
         gait, h = self.run.gait, self.description.height
         stride = float(np.clip((gait.step_length / h - 0.06) / (0.353 - 0.06), 0.0, 1.2))
         choice = {item.name: item.guess for item in CHOICES}
+        choice["rise"] *= not self.sole.has_toes
         choice["toe_off"] *= stride
         choice["strike"] *= stride if self.sole.has_toes else _SOFT_STRIKE * stride
         for item in CHOICES:
@@ -267,9 +259,10 @@ class FreeChoices:
         choice = self._passing_choice(choice)
         if self._lift_rate(choice) >= _FASTEST_LIFT:  # the step is shorter than the foot: no heel rises
             choice["toe_off"] = 0.0
+        choice = self._lift_off(choice)
         if "height" in self.names:
             choice["height"] = self._height(choice)
-        return choice if self.flat else self._lift_off(self._set_down(choice))
+        return choice if self.flat else self._set_down(choice)
 
     def _lift_rate(self, choice: Mapping[str, float]) -> float:
         """Rate at which a foot without toes begins to turn at lift-off [rad/s]; 0 where it is set."""

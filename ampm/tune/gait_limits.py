@@ -57,23 +57,25 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     times, double = step_instants(plan)
     sample, feet = plan.sample(times), plan.feet.sample(times)
     margin, force = margin_on(feet, sample.zmp), sample.force
+    toes = description.sole.has_toes
     level = ~double & feet[0].contact[:, HEEL]  # a rising heel leaves the ZMP on the edge
     share = times / plan.contacts.phases[0].duration
     swing = plan.feet.heights(feet)[:, 1]
-    rise = plan.constants.double_support_duration + run.foot.heel_rise_lead
-    quick = 1.0 if description.sole.has_toes else max(_RISE / max(rise, 1e-3), 1.0) ** 2
+    double_support = plan.constants.double_support_duration
+    rise = double_support + run.foot.heel_rise_lead
+    quick = 1.0 if toes else max(_RISE / max(rise, 1e-3), 1.0) ** 2
     turn = max(run.foot.toe_off_rate * quick, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
     values = {
         "mid_stance": mid_stance_share(run.gait),
         "zmp_single": [part.min() for part in np.array_split(margin[level], 2)],
-        "zmp_double": [part.min() for part in np.array_split(margin[~level], 2)],
+        "zmp_double" if toes else "zmp_edge": [part.min() for part in np.array_split(margin[~level], 2)],
         "reach": leg_extension(sample.com, feet, description),
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
-        "handover": plan.constants.double_support_duration / _HANDOVER,
+        "handover" if toes else "edge_handover": double_support / _HANDOVER,
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }

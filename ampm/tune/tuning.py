@@ -205,9 +205,9 @@ def _searches(
 
     The first begins with the guess. Where that would twist the feet and the body has arms, L_z is held at
     zero: the arms then balance the legs about the vertical, which takes from the feet's twisting moment.
-    Where it finds nothing, and the heel of a foot without toes rose late, it rises early in another one. One
-    begins with the best of starts that are spread over the ranges, with list and rotation of the pelvis free,
-    too. Where the best search comes near to its limits, it goes on, however far from the guess.
+    Where it finds nothing, another one begins with the best of starts that are spread over the ranges, with
+    list and rotation of the pelvis free, too. Where the better of both comes near to its limits, it goes on,
+    however far from the guess.
     """
     first = _begun(space, robot, report, effort)
     twist = first.candidates[-1].margins().get("twist", math.inf)
@@ -218,21 +218,14 @@ def _searches(
     yield first, _improved(first, first.candidates[-1])
     if not effort.starts or not space.names:
         return
-    searches = [first]
-    if first.space.deferred:
-        soon = FreeChoices(first.space.run, space.fixed, robot.description, _PELVIS, early=True)
-        early = _begun(soon, robot, report, effort)
-        searches.append(early)
-        yield early, _improved(early, early.candidates[-1])
     wide = ChoiceSearch(
         FreeChoices(space.run, space.fixed, robot.description), RoughOrbits(robot, space.run), report, effort
     )
     start = wide.spread(effort.starts)
     more = _FROM_STARTS if start.worst() > _FARTHEST else 0
     wide.effort = replace(effort, choices=len(wide.candidates) + more)
-    searches.append(wide)
     yield wide, _improved(wide, start)
-    nearest = max(searches, key=lambda search: search.best().worst())
+    nearest = max(first, wide, key=lambda search: search.best().worst())
     best = nearest.best()
     if _HOPELESS < best.worst() < _JUST_ENOUGH:
         last = ChoiceSearch(nearest.space, nearest.orbits, report, Effort(_TO_FINISH, _JUST_ENOUGH))
