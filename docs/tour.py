@@ -22,7 +22,7 @@ from validation.table import ABSENT, Table, print_tables
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "tour"
-BODIES = {"G1": (None, ["body.source='g1'", "gait.switching_velocity=0.5"]), "human": ("normal", [])}
+BODIES = {"G1": str(ROOT / "examples" / "tour-g1.toml"), "human": "normal"}
 TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
@@ -41,11 +41,10 @@ def walk(body: str, share: float, seeds: int) -> list[Row]:
     """Tours of a body by seed, as ``examples/tour.py`` walks them."""
     from tour import walk_tours
 
-    gait, settings = BODIES[body]
     name = stabilizer(share)
-    settings = [*settings, "simulation.time_step=0.002", f"controller.stabilizer={name}"]
+    settings = ["simulation.time_step=0.002", f"controller.stabilizer={name}"]
     out = KEPT / f"{body}-{name}-{share:.3g}"
-    return list(walk_tours(gait, settings, seeds, TARGETS, share, out=out, resume=True))
+    return list(walk_tours(BODIES[body], settings, seeds, TARGETS, share, out=out, resume=True))
 
 
 def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
@@ -82,8 +81,8 @@ def print_endings() -> None:
     from validation.trial.plan import complete, load_request
 
     segments = {}
-    for body, (gait, settings) in BODIES.items():
-        run = complete(load_request(gait, settings)).run
+    for body, gait in BODIES.items():
+        run = complete(load_request(gait)).run
         segments[body] = hinged(build_body(run).compile())
     hits, falls = Counter[tuple[str, str, str]](), Counter[tuple[str, str, str]]()
     for walk in read_rows("tour"):
