@@ -18,7 +18,7 @@ _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and p
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
 _SLOW = 0.25  # how fast it takes them up, over the same [1]
 _TAKEN = 0.15  # share of a landing foot's sensed force that the QP takes as given: rotors make it a bounce
-_YIELD_IN_DRAKE = 0.5  # of stance_yield; the human's share of the landing force suits Drake's spring, too
+_YIELD_IN_DRAKE = 0.2  # of stance_yield; the human's share of the landing force suits Drake's spring, too
 _FELT = {"stance_yield": 0.6, "force_smoothing": 0.0, "sink_compensation": 0.7}
 """Of robots with exact sensors: their small soles turn as the floor yields, and load crosses in few ticks."""
 _HIPS = 0.90  # height of the human's hips, with which the rate of the swing foot's feedback was chosen [m]
