@@ -69,10 +69,11 @@ CHOICES = (
     Choice("lift", "foot.swing_height", 0.0, 0.09, 0.02, 0.05 / _STATURE, scaled=True),
     Choice("lag", "foot.swing_lag", -0.1, 0.25, 0.06, 0.08),
 )
-"""Five more open keys follow: the front foot comes down turning (``foot.heel_strike_rate``), the swing foot's
-feedback is fast beside the swing (``controller.swing_stiffness``, ``controller.swing_damping``), the load
-goes from foot to foot in the double support (``controller.contact_ramp``), and L_z is held at zero where the
-feet could not hold its swing (``body.angular_momentum_z``)."""
+"""More open keys follow: a heel with toes rises when the ZMP reaches the ball (``foot.heel_rise_lead``), the
+front foot comes down turning (``foot.heel_strike_rate``), the swing foot's feedback is fast beside the swing
+(``controller.swing_stiffness``, ``controller.swing_damping``), the load goes from foot to foot in the double
+support (``controller.contact_ramp``), and L_z is held at zero where the feet could not hold its swing
+(``body.angular_momentum_z``)."""
 _ROLLING = {"toe_off", "rise", "toe_turn", "toe_back", "strike", "down"}  # without effect on flat feet
 _SPREAD = {
     "ratio": (-0.45, 0.1),
@@ -111,10 +112,8 @@ class FreeChoices:
         self.ramp = _RAMP if self.sole.has_toes else _RAMP_WITHOUT_TOES
         self.flat = run.foot.schedule == "flat"
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
-        of_toes = {"rise"} if self.sole.has_toes else set()
-        names = {choice.name for choice in CHOICES} - self.useless - of_toes
-        kept = self.fixed | self.held
-        free = [choice for choice in CHOICES if choice.name in names and choice.key not in kept]
+        kept, idle = self.fixed | self.held, self.useless | ({"rise"} if self.sole.has_toes else set())
+        free = [choice for choice in CHOICES if choice.key not in kept and choice.name not in idle]
         self.names = [choice.name for choice in free]
         self.lower = np.array([choice.lower for choice in free])
         self.upper = np.array([choice.upper for choice in free])
@@ -245,7 +244,8 @@ class FreeChoices:
         gait, h = self.run.gait, self.description.height
         stride = float(np.clip((gait.step_length / h - 0.06) / (0.353 - 0.06), 0.0, 1.2))
         choice = {item.name: item.guess for item in CHOICES}
-        choice["rise"] *= not self.sole.has_toes
+        if self.sole.has_toes:
+            choice["rise"] = 0.0
         choice["toe_off"] *= stride
         choice["strike"] *= stride if self.sole.has_toes else _SOFT_STRIKE * stride
         for item in CHOICES:
