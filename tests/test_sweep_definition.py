@@ -188,7 +188,7 @@ def test_a_robot_has_the_values_that_suit_its_engine(place):
     runs = [sweep.parameters(run) for run in range(2)]
     assert [parse_sweep(dump_sweep(sweep)).parameters(run) for run in range(2)] == runs
     shares = [(run.controller.landing_share, run.controller.stance_yield) for run in runs]
-    assert shares == [(0.6, 0.5), (0.6, 0.5) if place == "set" else (0.15, 0.6)]
+    assert shares == [(0.6, 0.2), (0.6, 0.2) if place == "set" else (0.15, 0.6)]
 
 
 def test_times_and_rates_of_a_range_are_whole_steps_and_ticks_of_their_run():
