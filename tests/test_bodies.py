@@ -144,7 +144,7 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm, tmp_path: Path)
     weak = TOML + 'effort.".*_ankle_.*" = 2.0\ndamping.".*" = 0.1\n'
     refused = ampm("body", "check", write(tmp_path, toml=weak), "--set", "foot.schedule=flat")
     assert refused.status == 2
-    assert "an ankle joint's torque limit is 1.2" in refused.out
+    assert "an ankle joint's torque limit is 1.3" in refused.out
     assert "15 joints have dampers, springs" in refused.out
 
 
