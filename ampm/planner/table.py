@@ -104,7 +104,11 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
         fits = ~begins | ((started >= before - _SAME) & (started <= time + _SAME))
         _check(started, "phase_start", fits, "lie between the phase's first row and the row before")
         started = np.clip(started, before, time)
-    contacts = _contacts(np.append(started[begins], time[-1]), stance[begins], left[begins], right[begins])
+    switches = np.append(started[begins], time[-1])
+    lasts = ~begins
+    lasts[begins] = np.diff(switches) > 0.0
+    _check(stance, "stance", lasts, "last longer than 0 s; give this support two rows or more")
+    contacts = _contacts(switches, stance[begins], left[begins], right[begins])
     if "phase_start" not in table:
         contacts = _evened(contacts, time, com[:, 0])
     motion = {"times": time, "com": com, "zmp": _vectors(table, "zmp"), "contacts": contacts}
