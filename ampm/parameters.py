@@ -59,7 +59,12 @@ class GaitParameters(Section, section="gait"):
     )
     com_height: Open = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
     step_length: Real = parameter(
-        0.6, "distance of successive footprints of opposite feet along x (2 (l_s + l_d))", "m", gt=0, le=100
+        0.6,
+        "distance of successive footprints of opposite feet along x (2 (l_s + l_d)); "
+        "steps back or in place need footsteps",
+        "m",
+        gt=0,
+        le=100,
     )
     switching_velocity: Real = parameter(
         1.0, "forward speed of the COM at every switch of support (v0)", "m/s", gt=0, le=100
