@@ -24,7 +24,8 @@ DRAWN = 1 << 30
 """``conaffinity`` of a mesh that is drawn and does not collide."""
 _HULL_POINTS = 64  # most of a mesh's convex hull
 _URDF_OPTIONS = """<mujoco>
-  <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"/>
+  <compiler discardvisual="false" fusestatic="false" balanceinertia="false" strippath="false"
+    inertiafromgeom="false"/>
 </mujoco>"""
 _MESHES = (".stl", ".obj", ".msh")  # that MuJoCo reads, STL only if it is binary
 _CONVERTED = (".dae", ".stl")
