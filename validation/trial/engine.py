@@ -7,14 +7,18 @@ and contacts. An engine replaces the calls that step them; all that reads them i
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import InputError
+from ampm.geometry import Array
 from ampm.parameters import RunParameters, field_of
 from ampm.physics_parameters import ContactParameters
+from ampm.vectors import ZERO, cross, dot, minus, plus, times, vector
 
 
 class Engine(NamedTuple):
@@ -75,23 +79,76 @@ def make_engine(model: mujoco.MjModel, data: mujoco.MjData, run: RunParameters) 
     return _with_full_contacts(engine, model, data) if run.contact.acceleration == "full" else engine
 
 
+def all_rows(data: mujoco.MjData, present: NDArray[Any]) -> NDArray[Any]:
+    """View of a column of MuJoCo's contacts that holds for the whole walk.
+
+    MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
+    Contacts lie at the beginning of the simulation's arena; this view has as many rows as it can hold.
+    """
+    shape = (data.narena // present.strides[0], *present.shape[1:])
+    return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
+
+
+class _Motion(NamedTuple):
+    """What ``dJ/dt v`` of contacts follows from: views of MuJoCo's model and data, by its names."""
+
+    geom: NDArray[np.int32]  # both of each contact
+    efc_address: NDArray[np.int32]
+    pos: Array
+    frame: Array
+    geom_bodyid: NDArray[np.int32]
+    body_rootid: NDArray[np.int32]
+    last: NDArray[np.int32]  # coordinate nearest to each segment that moves it, -1 for none
+    dof_parentid: NDArray[np.int32]
+    qvel: Array
+    cdof_dot: Array
+    cvel: Array
+    subtree_com: Array
+
+
 def _with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjData) -> Engine:
     """MuJoCo with contacts that count the part ``dJ/dt v`` of a point's acceleration ``J dv/dt + dJ/dt v``.
 
     MuJoCo lets ``J dv/dt`` alone follow the reference acceleration of a contact, so the rest is taken off it.
     """
-    rate = np.empty((3, model.nv))
+    last = np.full(model.nbody, -1, dtype=np.int32)
+    for segment in range(1, model.nbody):
+        count = model.body_dofnum[segment]
+        first, above = model.body_dofadr[segment], last[model.body_parentid[segment]]
+        last[segment] = first + count - 1 if count else above
+    views = {name: all_rows(data, getattr(data.contact, name)) for name in _Motion._fields[:4]}
+    views |= {name: getattr(model, name) for name in ("geom_bodyid", "body_rootid", "dof_parentid")}
+    views |= {name: getattr(data, name) for name in _Motion._fields[-4:]}
+    motion = _Motion(last=last, **views)
+    take_off = bound(_take_off, (refer(motion),), 0, data.efc_aref)
 
     def step1() -> None:
         engine.step1()
-        contact, reference = data.contact, data.efc_aref
-        frames = contact.frame.reshape(-1, 3, 3)
-        for geoms, first, place, frame in zip(
-            contact.geom, contact.efc_address, contact.pos, frames, strict=True
-        ):
-            for side, segment in zip((-1.0, 1.0), model.geom_bodyid[geoms], strict=True):
-                if segment and first >= 0:
-                    mujoco.mj_jacDot(model, data, rate, None, place, segment)
-                    reference[first : first + 3] -= side * (frame @ (rate @ data.qvel))
+        take_off(data.ncon, data.efc_aref)
 
     return engine._replace(step1=step1)
+
+
+@compiled
+def _take_off(motion: _Motion, contacts: int, reference: Array) -> None:
+    """Take ``dJ/dt v`` of the contacts off the reference accelerations of their rows [m/s^2]."""
+    for i in range(contacts):
+        first = motion.efc_address[i]
+        if first < 0:
+            continue
+        for side in range(2):
+            segment = motion.geom_bodyid[motion.geom[i, side]]
+            linear, angular = ZERO, ZERO  # of the segment, at rates that stay
+            j = motion.last[segment]
+            while j >= 0:
+                angular = plus(angular, times(motion.qvel[j], vector(motion.cdof_dot[j, :3])))
+                linear = plus(linear, times(motion.qvel[j], vector(motion.cdof_dot[j, 3:])))
+                j = motion.dof_parentid[j]
+            arm = minus(vector(motion.pos[i]), vector(motion.subtree_com[motion.body_rootid[segment]]))
+            turning = vector(motion.cvel[segment, :3])
+            speed = plus(vector(motion.cvel[segment, 3:]), cross(turning, arm))
+            part = plus(linear, plus(cross(angular, arm), cross(turning, speed)))
+            sign = 1.0 if side else -1.0
+            for axis in range(3):
+                along = vector(motion.frame[i, 3 * axis : 3 * axis + 3])
+                reference[first + axis] -= sign * dot(along, part)

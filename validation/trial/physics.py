@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from validation.trial.coordinates import to_mujoco
-from validation.trial.engine import make_engine
+from validation.trial.engine import all_rows, make_engine
 from validation.trial.plan import Body
 
 _BAD_STATE = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1)
@@ -89,11 +89,11 @@ class Physics:
             site_place=data.site_xpos,
             site_rotation=data.site_xmat,
             sites=sites,
-            contact_geom=self._all_rows(contact.geom),
-            contact_address=self._all_rows(contact.efc_address),
-            contact_frame=self._all_rows(contact.frame),
-            contact_place=self._all_rows(contact.pos),
-            contact_distance=self._all_rows(contact.dist),
+            contact_geom=all_rows(data, contact.geom),
+            contact_address=all_rows(data, contact.efc_address),
+            contact_frame=all_rows(data, contact.frame),
+            contact_place=all_rows(data, contact.pos),
+            contact_distance=all_rows(data, contact.dist),
             point_of_geom=point_of_geom,
             warnings=data.warning.number[_BAD_STATE],
             q=np.zeros(robot.nq),
@@ -106,15 +106,6 @@ class Physics:
     def _axes(self, segment: str) -> Array:
         """Axes of a segment to world; a view of shape (3, 3)."""
         return np.asarray(self.data.xmat[self.model.body(segment).id].reshape(3, 3))
-
-    def _all_rows(self, present: NDArray[Any]) -> NDArray[Any]:
-        """View of a column of MuJoCo's contacts that holds for the whole walk.
-
-        MuJoCo's own views have one row per present contact, so they would have to be taken at every step.
-        Contacts lie at the beginning of the simulation's arena; this view has as many rows as it can hold.
-        """
-        shape = (self.data.narena // present.strides[0], *present.shape[1:])
-        return np.lib.stride_tricks.as_strided(present, shape, present.strides, writeable=False)
 
     def place(self, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
         """Set the state from Pinocchio's coordinates."""
