@@ -46,7 +46,7 @@ def assert_fitted(fit):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_force_plates_of_c3d(sign, tmp_path, ampm):
-    """One long plate, with z up, at 1000 Hz, and the COM as a point at 100 Hz in mm; force or reaction."""
+    """A long plate for each foot, z up, at 1000 Hz; the COM as a point at 100 Hz in mm; force or reaction."""
     ezc3d = pytest.importorskip("ezc3d")
     time = np.arange(int(PLAN.duration * 100) * 10) / 1000.0
     sample, seen = PLAN.sample(time), PLAN.sample(time[::10])
@@ -60,18 +60,19 @@ def test_force_plates_of_c3d(sign, tmp_path, ampm):
     file["data"]["points"] = np.ones((4, 1, len(seen)))
     file["data"]["points"][:3, 0] = 1e3 * seen.com.T
     analog["RATE"]["value"] = [1000.0]
-    analog["LABELS"]["value"] = tuple(f"{kind}{axis}1" for kind in "FM" for axis in "xyz")
-    file["data"]["analogs"] = sign * np.vstack([force.T, moment])[None]
+    analog["LABELS"]["value"] = tuple(f"{kind}{axis}{n}" for n in "12" for kind in "FM" for axis in "xyz")
+    both, share = np.vstack([force.T, moment]), sample.right_load
+    file["data"]["analogs"] = sign * np.vstack([(1.0 - share) * both, share * both])[None]
     plate = file["parameters"]["FORCE_PLATFORM"]
-    plate["USED"]["value"], plate["TYPE"]["value"], plate["ZERO"]["value"] = [1], [2], [1, 0]
+    plate["USED"]["value"], plate["TYPE"]["value"], plate["ZERO"]["value"] = [2], [2, 2], [1, 0]
     corners = [[10000.0, 2000.0, 0.0], [0.0, 2000.0, 0.0], [0.0, -2000.0, 0.0], [10000.0, -2000.0, 0.0]]
-    plate["CORNERS"]["value"] = np.array(corners).T[:, :, None]
-    plate["ORIGIN"]["value"], plate["CHANNEL"]["value"] = np.zeros((3, 1)), np.arange(1, 7)[:, None]
+    plate["CORNERS"]["value"] = np.dstack([np.transpose(corners)] * 2)
+    plate["ORIGIN"]["value"], plate["CHANNEL"]["value"] = np.zeros((3, 2)), np.arange(1, 13).reshape(2, 6).T
     file.write(str(path := tmp_path / "walk.c3d"))
     table, name = log_columns(path)
     assert name == "walk.c3d"
     np.testing.assert_allclose(table["force_y"], force[:, 1], atol=1e-3)
-    np.testing.assert_allclose(table["plate1_cop_x"], sample.zmp[:, 0], atol=1e-5)
+    np.testing.assert_allclose(table["zmp_x"], sample.zmp[:, 0], atol=1e-5)
     assert_fitted(val.fit_log(path, columns={f"com_{axis}": f"COM_{axis}" for axis in "xyz"}))
     answer = ampm("fit", path, "--com-height", 0.865, "--out", tmp_path / "fit", "--json")
     assert answer.status == 0, answer.err

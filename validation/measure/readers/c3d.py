@@ -35,17 +35,18 @@ def read(path: Path) -> dict[str, Any]:
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
     # Some hold the force on the plate.
     sign = np.sign(sum(plate["force"][2].mean() for plate in plates)) or 1.0
-    total, lever = np.zeros((3, len(table["time"]))), np.zeros((2, len(table["time"])))
+    total, lever, held = (np.zeros((axes, len(table["time"]))) for axes in (3, 2, 1))
     for number, plate in enumerate(plates, start=1):
         force = sign * plate["force"]
         place = _LENGTHS[plate["unit_position"]] * plate["center_of_pressure"][:2]
-        place = np.where(force[2] > _LEAST, place, np.nan)
+        load = np.where(force[2] > _LEAST, force[2], 0.0)
         _add(table, f"plate{number}_force", force)
-        _add(table, f"plate{number}_cop", place)
+        _add(table, f"plate{number}_cop", np.where(load, place, np.nan))
         total += force
-        lever += np.nan_to_num(place) * np.where(force[2] > _LEAST, force[2], 0.0)
+        lever += load * np.nan_to_num(place)
+        held += load
     _add(table, "force", total)
-    _add(table, "zmp", lever / np.where(total[2] > _LEAST, total[2], np.nan))
+    _add(table, "zmp", lever / np.where(held, held, np.nan))
     points, of = file["data"]["points"], file["parameters"]["POINT"]
     scale = _LENGTHS[of["UNITS"]["value"][0]] if points.shape[1] else 1.0
     seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
