@@ -97,6 +97,7 @@ def _found(saved: SavedRun) -> dict[str, str]:
         said["pedigree"] = "masses by published tables; the contact's stiffness was chosen on the presets"
     if known:
         said["convergence"] = f"study of {known['gait']}, {known['steps']} steps a level: metrics with ±"
+        said["contact"] = f"contact laws varied: {summary['verdict']}"
     return said
 
 
