@@ -419,19 +419,22 @@ def compare_runs(
     labels = labels or [Path(folder).resolve().name for folder in folders]
     if len(set(labels)) < len(labels):
         labels = [f"{label} ({number})" for number, label in enumerate(labels, start=1)]
-    if len(robustness) not in (0, len(labels)):
-        raise InputError(
-            f"--robustness names {len(robustness)} of {len(labels)} studies; give it once for each walk."
-        )
-    sides = []
-    for label, folder, file in zip_longest(labels, folders, robustness):
+    sides, survived = [], _survived(robustness, len(labels))
+    for label, folder, robust in zip_longest(labels, folders, survived):
         run = load_saved_run(folder)
         pushed = [text for text in run.summary.get("disturbances", ()) if not text.startswith(_OF_RUN)]
         if known and pushed:
             raise InputError(f"--uncertainty holds for no walk with {pushed[0]}; leave it out.")
         study = matching(known, Request(label, run.parameters)) if known else None
-        sides.append(Side(label, run, study, load_robustness(file) if file else None))
+        sides.append(Side(label, run, study, robust))
     return comparison_of(sides)
+
+
+def _survived(files: Sequence[Path], walks: int) -> list[Robustness]:
+    """The robustness studies of all walks, or of none."""
+    if len(files) not in (0, walks):
+        raise InputError(f"--robustness names {len(files)} of {walks} studies; give it once for each walk.")
+    return [load_robustness(file) for file in files]
 
 
 def compare_gaits(
@@ -481,6 +484,7 @@ def compare_gaits(
         varied = [Path(values[walk]).name for values in choices.values() if alike and len(values) > 1]
         labels.append(", ".join(varied) or request.name)
     known = [load_uncertainty(file) for file in uncertainty]
+    _survived(robustness, count)  # refused before the first walk
     for request in requests if known else ():
         matching(known, request)
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
