@@ -156,7 +156,10 @@ def report(
     """
     shaped = figures is None and (form, width) != ("pdf", "88mm")
     if shaped or (study and not evidence) or (evidence and (figures or tables)):
-        raise InputError("--format and --width need --figures, --study --evidence; --evidence is alone.")
+        raise InputError(
+            "--format and --width need --figures, --study needs --evidence; "
+            "give --evidence without --figures and --tables."
+        )
     if evidence is not None:
         from validation.study.evidence import write_evidence  # loads the simulator
 

@@ -37,7 +37,7 @@ def view(
     if save is None and len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
         return show_recording(targets[0], web=web)
     if missing := [target for target in targets if not (target / RunFile.SUMMARY).is_file()]:
-        raise InputError(f"{missing[0]} is not a run; give folders of runs, or one .rrd file alone.")
+        raise InputError(f"{missing[0]} is not a run; give folders, or one .rrd file alone without --save.")
     if save is None:
         viewer_command(targets[0], web=web)  # refuses if there is no display
     else:
