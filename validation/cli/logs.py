@@ -39,8 +39,8 @@ class Comparing:
 
 @app.command(
     rich_help_panel=options.CHECK,
-    epilog="Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 4 crash of ampm itself, 6 "
-    "partial, pass on all that was measured, 130 interrupted.",
+    epilog="Exit status: 0 pass, 1 out of tolerance, 2 bad input or refused, 3 a run that did not complete, "
+    "4 crash of ampm itself, 6 partial, pass on all that was measured, 130 interrupted.",
 )
 @grouped
 def judge(
