@@ -71,8 +71,9 @@ def judge_log(
     progress, seconds = progress or Progress(), dict[str, float]()
     if strides and (start is not None or place is not None):
         raise InputError(f"--strides takes no --start ({start}) and no --place ({place}); leave them out.")
-    if not np.isfinite([start or 0.0, *(place or ())]).all():
-        raise InputError(f"--start {start} and --place {place} must be finite; leave out what to find.")
+    for name, given in (("--start", start), ("--place", place)):
+        if given is not None and not np.isfinite(given).all():
+            raise InputError(f"{name} {given} must be finite; leave it out to find it.")
     request = _request(plan, settings)
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
