@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from ampm.exceptions import InputError
-from ampm.parameters import NO_PLAN
 from ampm.presets import PRESETS
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
@@ -89,8 +88,6 @@ def plan(
     commanded = any(key.startswith("command.") for key in request.changed)
     if no_body and (run.gait.planner not in ("ampm", LIPM) or run.footsteps or commanded):
         raise InputError("another planner, footsteps or a command need a body; leave out --no-body.")
-    if run.gait.planner == NO_PLAN:
-        raise InputError("--planner none has no plan; 'ampm validate --planner none' walks without one.")
     if files.motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
