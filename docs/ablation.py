@@ -60,7 +60,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
         "stepping.tracker.BACK": 0.0,
     },
     "COM not at the floor's height": {"stepping.walker.HEIGHT_RATE": 0.0},
-    "trunk righted as on the plan": {"control.trunk.RIGHTING": 1.0},
+    "trunk righted as on the plan": {"control.tick.RIGHTING": 1.0},
     "sole not shared": {"control.sole.OPEN": 10.0},
     "height not integrated": {"stepping.floor.LIFT": 0.0},
     "tilt of a sole taken for the floor's": {"stepping.floor.DEEP_IN": 10.0},
