@@ -113,7 +113,7 @@ class Case:
         values = {key: (old.value(key), new.value(key)) for key in FIELDS}
         changed = {key: pair for key, pair in values.items() if pair[0] != pair[1]}
         if change.layer == "motors" and not changed:
-            return f"without the limit of {self.strained}"
+            return f"without torque limits ({self.strained} needs most)"
         shown = ", ".join(f"{key} {' to '.join(map(format_value, pair))}" for key, pair in changed.items())
         return f"{change.text} ({shown})" if 0 < len(changed) <= _SHOWN else change.text
 
