@@ -159,6 +159,8 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     fell = comparison_of([a, changed(b, outcome="fell", end={"time": 2.3, "cause": ""}, steps_completed=2)])
     assert fell.sentence.endswith("other did not walk to the end (fell after 2.30 s).")
     assert ("steps completed", "8", "2") in fell.tables()[0].rows
+    fallen = comparison_of([changed(a, outcome="fell"), replace(sides[1], label="jumps")])
+    assert not any(cells[-1] == "smooth" for table in fallen.tables()[1:3] for cells in table.rows)
 
 
 def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):

@@ -261,9 +261,15 @@ class WalkComparison(Tabled):
             for (kept, label), items in said.items()
         )
 
+    def best(self, row: MetricRow) -> int | None:
+        """The better side, if its lead counts and it walked to the end."""
+        best = row.better
+        return None if best is None or self.sides[best].outcome != OutcomeName.COMPLETED else best
+
     def cells(self, row: MetricRow) -> tuple[str, ...]:
         """Label, all values, each with its share of a limit, unit, doubt and the better side, for tables."""
-        better = "" if row.better is None else self.sides[row.better].label
+        best = self.best(row)
+        better = "" if best is None else self.sides[best].label
         values = [_shown(value, known) for value, known in zip(row.values, row.known, strict=True)]
         if row.group != OWN:
             shares = [format_share(share, 1.0) if share < math.inf else "" for share in row.used]
@@ -360,7 +366,7 @@ class WalkComparison(Tabled):
             | {key: side.run.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
             for side in self.sides
         ]
-        metrics = {row.name: {**row._asdict(), "better": row.better} for row in self.rows}
+        metrics = {row.name: {**row._asdict(), "better": self.best(row)} for row in self.rows}
         found = {"sentence": self.sentence, "differences_count_from": self.basis, "walks": walks}
         return dict(json_ready(found | {"parameters": self.parameters, "metrics": metrics}))
 
