@@ -34,6 +34,10 @@ def test_page_has_headings_colours_and_escapes():
     assert Table("t", ["x"], []).__html__() == ""
 
 
+def test_latex_breaks_the_lines_of_long_cells():
+    assert r"{@{}lp{.5\linewidth}@{}}" in Table("t", ["x", "y"], [["a", 71 * "b"]]).tex()
+
+
 @pytest.mark.parametrize(
     ("value", "doubt", "text"),
     [

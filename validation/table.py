@@ -29,6 +29,8 @@ _DECIMALS = 6
 """Most decimals of a number with its uncertainty."""
 _LONG = 34
 """Characters from which a cell may break its line, whatever it holds."""
+_PARAGRAPH = 70
+"""Characters from which LaTeX breaks the lines of a column."""
 _FILE_WIDTH = 160
 """Columns of a table that is written to a file or a pipe."""
 
@@ -101,9 +103,12 @@ class Table:
 
     def tex(self) -> str:
         """Table with its title and notes for LaTeX with the package booktabs."""
-        align = "".join("r" if self.is_right(column) else "l" for column in range(len(self.columns)))
+        sides = ["r" if self.is_right(column) else "l" for column in range(len(self.columns))]
+        for column, cells in enumerate(zip(*self.rows, strict=True)):
+            if max(map(len, cells)) > _PARAGRAPH:
+                sides[column] = r"p{.5\linewidth}"
         body = [
-            rf"\multicolumn{{{len(align)}}}{{l}}{{\emph{{{tex(row[0])}}}}} \\"
+            rf"\multicolumn{{{len(sides)}}}{{l}}{{\emph{{{tex(row[0])}}}}} \\"
             if is_heading(row)
             else " & ".join(map(tex, row)) + r" \\"
             for row in self.rows
@@ -112,7 +117,7 @@ class Table:
         lines = [
             r"\begin{table*}\centering\footnotesize",
             rf"\caption{{{tex(self.title[:1].upper() + self.title[1:])}}}",
-            rf"\begin{{tabular}}{{@{{}}{align}@{{}}}}\toprule",
+            rf"\begin{{tabular}}{{@{{}}{''.join(sides)}@{{}}}}\toprule",
             " & ".join(map(tex, self.headers)) + r" \\ \midrule",
             *body,
             r"\bottomrule\end{tabular}",
