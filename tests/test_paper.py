@@ -113,11 +113,12 @@ def test_evidence_takes_logs_and_studies_of_its_own_gait_alone(run_dir, tmp_path
     said = {item["factorType"]: item["rationale"] for item in factors}
     assert "normal on normal" in said["Output comparison"]
     assert said["Use history"] == "not done"
-    answer = ampm("report", run_dir, "--evidence", file, "--study", logs["other"])
+    assert "--force" in ampm("report", run_dir, "--evidence", file).err
+    answer = ampm("report", run_dir, "--evidence", file, "--force", "--study", logs["other"])
     assert "of the gait and body of normal" in answer.err
-    answer = ampm("report", logs["own"], "--evidence", file)
+    answer = ampm("report", logs["own"], "--evidence", file, "--force")
     assert "is a log; give a walk of its plan" in answer.err
     numbers = {"walks": [{"label": n, "run": str(run_dir), "study": None, "robustness": None} for n in "ab"]}
     (tmp_path / "comparison.json").write_text(json.dumps(numbers), encoding="utf-8")
-    answer = ampm("report", run_dir, "--evidence", file, "--study", tmp_path)
+    answer = ampm("report", run_dir, "--evidence", file, "--force", "--study", tmp_path)
     assert "nor a comparison of engines" in answer.err

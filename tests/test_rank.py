@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.sweep_table import parse_sweep, sweep_of
+from tests.sweep_table import parse_sweep, sweep_of, write_sweep
 from validation.study.rank import rank
+from validation.study.row_file import ROWS
 from validation.study.sweep.table import build_table, key_of
 
 LEAGUE = """
@@ -137,3 +138,9 @@ def test_tables_and_json():
     assert "of 12 differences" in found.sentence
     assert found.extremes.keys() == {f"{name}-{end}" for name in ERRORS for end in ("best", "worst")}
     assert found.extremes["lipm-best"] < 32 <= found.extremes["lipm-worst"]  # it fell in the second task
+
+
+def test_recordings_of_another_ranking_are_kept(ampm, tmp_path):
+    (tmp_path / ROWS).touch()
+    answer = ampm("rank", write_sweep(tmp_path / "sweep", league(0).table), "--recordings", tmp_path)
+    assert (answer.status, "--resume" in answer.err) == (2, True)

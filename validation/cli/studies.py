@@ -77,6 +77,7 @@ def rank(
     recordings: Path | None = option(
         "--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"
     ),
+    resume: bool = option("--resume", "Go on with what is missing in --recordings."),
     as_json: bool = options.JSON,
 ) -> int:
     """Rank the planners of a sweep.
@@ -95,7 +96,7 @@ def rank(
         if recordings.resolve() == folder.resolve():
             raise InputError(f"--recordings {recordings} is the folder of the sweep; give another one.")
         definition = load_sweep(folder / SweepFile.DEFINITION)
-        keep_runs(definition, found.extremes, out=recordings, resume=True, progress=Narrator())
+        keep_runs(definition, found.extremes, out=recordings, resume=resume, progress=Narrator())
     options.print_result(found, as_json=as_json)
     return Status.PASS
 

@@ -143,6 +143,7 @@ def report(
         "A study for --evidence: robustness, a comparison of engines, a judged log. Repeatable.",
         "DIR",
     ),
+    force: bool = option("--force", "Replace earlier files at --figures or --evidence."),
 ) -> int:
     """Write the report of a run, a comparison or a sweep again from its files, or its figures for a paper.
 
@@ -163,7 +164,7 @@ def report(
     if evidence is not None:
         from validation.study.evidence import write_evidence  # loads the simulator
 
-        print_line(str(write_evidence(directory, evidence, study or (), Narrator())))
+        print_line(str(write_evidence(directory, evidence, study or (), Narrator(), force=force)))
         return Status.PASS
     from validation.show.paper import FORMATS, TABLES, as_text, parse_width, write_paper
     from validation.study.paper import load_paper, write_page
@@ -182,7 +183,7 @@ def report(
         print_line(as_text(paper.tables, str(tables)))
         return Status.PASS
     with Narrator().stage("figures"):
-        write_paper(figures, *paper, form=form, width=column, table_form=tables)
+        write_paper(figures, *paper, form=form, width=column, table_form=tables, force=force)
     print_line(str(figures))
     return Status.PASS
 

@@ -97,16 +97,17 @@ def write_paper(
     form: str = "pdf",
     width: float = 88.0,
     table_form: str | None = None,
+    force: bool = False,
 ) -> None:
-    """Write everything into a folder, where equal names are replaced.
+    """Write everything into a folder; with ``force`` into one that is not empty, where equal names go.
 
     Figures have one of the :data:`FORMATS` and the width of a column [mm], wide ones of two; tables have one
     of :data:`TABLES`, or are left out.
 
     Raises:
-        InputError: the folder is a file, or cannot be written.
+        InputError: the folder is a file, is not empty, or cannot be written.
     """
-    check_target(folder, None, force=True)
+    check_target(folder, None, force=force, way_out="--force to replace files in it")
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
     texts = {
         "captions.txt": "".join(f"{figure.text}\n\n" for figure in figures),

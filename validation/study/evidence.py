@@ -28,7 +28,7 @@ from validation.trial.files import RunFile
 
 
 def write_evidence(
-    folder: Path, target: Path, studies: Sequence[Path] = (), progress: Progress | None = None
+    folder: Path, target: Path, studies: Sequence[Path], progress: Progress, *, force: bool = False
 ) -> Path:
     """Write page, JSON-LD and small files of a walk into a zip file; the walk is replayed for it.
 
@@ -37,7 +37,7 @@ def write_evidence(
     """
     if target.suffix != ".zip":
         raise InputError(f"--evidence {target} must end in .zip.")
-    check_output_file(target, force=True)
+    check_output_file(target, force=force)
     saved = load_saved_run(folder)
     if saved.is_log:
         raise InputError(f"{folder} is a log; give a walk of its plan, with --study {folder}.")
