@@ -27,7 +27,9 @@ class Comparing:
     columns: list[str] | None = options.COLUMNS
     settings: list[str] | None = options.SETTINGS
     steps: int | None = options.STEPS
-    body: str | None = options.BODY
+    body: str | None = option(
+        "--body", "Body of the plan, a name of 'ampm body list' or a description.", "NAME|FILE.toml"
+    )
     start: float | None = option(
         "--start", "Time in the log at which the plan begins; by default it is found.", "S"
     )

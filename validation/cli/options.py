@@ -230,11 +230,7 @@ def print_result(result: Any, *, as_json: bool) -> None:
 class Result:
     """Where a result goes."""
 
-    out: Path | None = option(
-        "--out",
-        "Folder of the result, with a sub-folder for each of several gaits; by default runs/NAME-TIME.",
-        "DIR",
-    )
+    out: Path | None = option("--out", "Folder of the result; by default runs/NAME-TIME.", "DIR")
     force: bool = option("--force", "Replace an earlier result at --out.")
     as_json: bool = JSON
 

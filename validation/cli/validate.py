@@ -38,7 +38,7 @@ def validate(
 ) -> int:
     """Plan, walk, measure and judge gaits: the trial.
 
-    It leaves a folder with a verdict, a recording and a report.
+    It leaves a folder with a verdict, a recording and a report; of several gaits one each, in --out.
 
     The controller tracks the plan, so agreement alone proves nothing: the trial tests whether a body with
     real mass distribution, unilateral contact, friction and limited torque can realise the plan, how closely,
