@@ -110,8 +110,12 @@ class _Proposal:
         }
 
     def _trunk(self) -> int:
-        """The moving segment reached by always going up where most of the mass is that is not of the legs."""
+        """The moving segment reached by always going up where most of the mass is that is not of the legs.
+
+        An arm, whose first segment is beside the middle, is no further part of the trunk.
+        """
         model, here, found = self.model, self.root, self.root
+        side = np.abs((self.data.xpos - self.data.xpos[self.root]) @ self.axes[1])
         while True:
             below = np.flatnonzero(model.body_parentid == here)
             below = below[[self.legs.isdisjoint(self.chains[body]) for body in below]]
@@ -119,6 +123,8 @@ class _Proposal:
             if not mass.size or not mass.max() > max(0.5 * mass.sum(), _HEAD * model.body_mass[here]):
                 return found
             here = int(below[mass.argmax()])
+            if side[here] > _BESIDE:
+                return found
             found = here if model.body_jntnum[here] else found
 
     def _locked(self) -> list[int]:

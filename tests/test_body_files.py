@@ -11,6 +11,7 @@ import pytest
 from ampm.exceptions import InputError
 from ampm.parameters import BodyParameters, RunParameters
 from models.build import build_body
+from models.propose import propose
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path
 from validation.show.rerun.body import mesh_of
@@ -150,6 +151,15 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     answer = ampm("body", "new", tmp_path / "arm.urdf", tmp_path / "arm.toml")
     assert answer.status == 2
     assert "no two chains" in answer.err
+
+
+ARM = f'<link name="arm">{INERTIA.format(3.0)}</link>' + HINGE.format("arm", "chest", "arm", "0 0.2 0.4")
+
+
+@pytest.mark.parametrize(("urdf", "said"), [(URDF.replace("</robot>", f"{ARM}</robot>"), 'trunk = "chest"')])
+def test_a_proposal_of_an_unusual_model(urdf: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
+    assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
 
 
 BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
