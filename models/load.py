@@ -24,7 +24,7 @@ from models.source import MASSLESS
 from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
-_LEG_JOINTS = 6
+LEG_JOINTS = 6
 _SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _LEAST_BEND = 0.1  # range of a knee [rad]
@@ -84,10 +84,10 @@ class Writer:
         for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
-            if len(joints) != _LEG_JOINTS:
+            if len(joints) != LEG_JOINTS:
                 why = (
                     "which cannot hold a sole flat: that takes 6; take another model, or correct foot or lock"
-                    if len(joints) < _LEG_JOINTS
+                    if len(joints) < LEG_JOINTS
                     else "of which hip and sole determine 6; lock the others, and if they are toes, give the "
                     "segment that they hang on as foot"
                 )

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from models.load import LEG_JOINTS
 from models.source import MASSLESS, compiled_source, pattern_of, source_path
 from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
 
@@ -67,10 +68,13 @@ class _Proposal:
         self.axes = upright_axes(self.data, ends)
         shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
         left = self.data.xaxis @ self.axes[1]
-        bends = [[j for j in self.chains[end] if j not in shared and abs(left[j]) > _LATERAL] for end in ends]
-        if min(map(len, bends)) < 2:
-            names = " and ".join(model.body(end).name for end in ends)
-            raise InputError(f"the model has no legs: what ends at {names} has no knee; take another model.")
+        legs = [[joint for joint in self.chains[end] if joint not in shared] for end in ends]
+        bends = [[joint for joint in leg if abs(left[joint]) > _LATERAL] for leg in legs]
+        count, names = len(legs[0]), " and ".join(model.body(end).name for end in ends)
+        few = f"{count} joints, which cannot hold a sole flat: that takes {LEG_JOINTS}" * (count < LEG_JOINTS)
+        if few or min(map(len, bends)) < 2:
+            lack = f"{few or 'no knee'}; take another"
+            raise InputError(f"the model has no legs to walk on: what ends at {names} has {lack}.")
         self.knees = [joints[1] for joints in bends]
         self.feet = ends
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
