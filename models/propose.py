@@ -48,8 +48,9 @@ def propose(source: str, folder: Path) -> str:
         balance = {"balance_inertia": True}
         model, _ = compiled_source(path, balance=True)
     where = source if ":" in source else Path(os.path.relpath(path, folder)).as_posix()
-    body = {"source": where} | balance | _Proposal(model).keys()
-    return tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
+    proposal = _Proposal(model)
+    body = {"source": where} | balance | proposal.keys()
+    return proposal.facing() + tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
 
 
 class _Proposal:
@@ -83,6 +84,13 @@ class _Proposal:
             self.feet.reverse()
             self.knees.reverse()
             self.axes[:2] *= -1.0
+
+    def facing(self) -> str:
+        """A comment if the body walks along another axis of its model than x."""
+        axis = int(np.abs(self.axes[0]).argmax())
+        forward = f"{'-' if self.axes[0, axis] < 0.0 else ''}{'xyz'[axis]}"
+        walks = f"# As its knees bend, it walks along {forward} of its model"
+        return f"{walks}; left and right are seen that way.\n" if forward != "x" else ""
 
     def _ends(self) -> list[int]:
         """The ends of two chains of as many joints whose middle is farthest from their root."""

@@ -154,15 +154,17 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
 
 
 ARM = f'<link name="arm">{INERTIA.format(3.0)}</link>' + HINGE.format("arm", "chest", "arm", "0 0.2 0.4")
+BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
+UNUSUAL = [
+    (URDF.replace("</robot>", f"{ARM}</robot>"), 'trunk = "chest"'),
+    (BACKWARD, "# As its knees bend, it walks along -x of its model; "),
+]
 
 
-@pytest.mark.parametrize(("urdf", "said"), [(URDF.replace("</robot>", f"{ARM}</robot>"), 'trunk = "chest"')])
+@pytest.mark.parametrize(("urdf", "said"), UNUSUAL)
 def test_a_proposal_of_an_unusual_model(urdf: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
     assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
-
-
-BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
 
 
 def test_keys_of_the_description_replace_what_the_model_has() -> None:
