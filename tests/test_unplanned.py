@@ -32,6 +32,7 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     assert (tmp_path / "run/recording.rrd").is_file()
     assert ampm("replay", tmp_path / "run").status == 0
     assert val.walk(tmp_path / "run/run.toml").summary["metrics"] == summary["metrics"]
+    assert ampm("plan", *QUICK).out == "planner none has no plan: the trial starts with the body standing.\n"
 
 
 class Limp:

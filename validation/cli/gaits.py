@@ -12,7 +12,7 @@ import typer
 from ampm.exceptions import InputError
 from ampm.presets import PRESETS
 from validation.cli import options
-from validation.cli.console import Narrator, print_json
+from validation.cli.console import Narrator, print_json, print_line
 from validation.cli.options import Status, grouped, option
 from validation.store.folders import check_new_file, output_file
 from validation.table import Table, format_number, format_value, print_tables, short_unit
@@ -76,6 +76,7 @@ def plan(
     two rows of the file say where both feet stand; the foot of row 1 swings first. Then left and right land
     in turn.
     """
+    from ampm.parameters import NO_PLAN
     from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
     from ampm.run_file import dump_run
@@ -128,6 +129,8 @@ def plan(
             "margins": None if tuned is None else dict(tuned.margins),
         }
         print_json(described)
+    elif run.gait.planner == NO_PLAN:
+        print_line("planner none has no plan: the trial starts with the body standing.")
     else:
         print_tables(plan_tables(request, planned, walked, margin))
     narrator.wrote(files.save, files.samples, files.motion, files.plot)
