@@ -93,7 +93,9 @@ def test_what_did_not_complete_has_no_verdict(walk, name):
 
 
 def test_a_walk_of_one_step_has_nothing_to_judge():
-    verdict = verdict_of(compared(perfect_walk(steps=1)), DEFAULT)
+    walk = perfect_walk(steps=1)
+    assert walk[1].outcome.summary == "1 step, completed"
+    verdict = verdict_of(compared(walk), DEFAULT)
     assert verdict.name is VerdictName.NOT_MEASURED
     assert "first step" in verdict.reason
 

@@ -149,7 +149,7 @@ def plan_tables(
         value = format_number(getattr(plan.constants, field.name), 6)
         rows.append((field.name, value, short_unit(unit), meaning))
     notes = [
-        f"{plan.contacts.steps} steps in {plan.duration:.2f} s",
+        f"{plan.contacts.steps} step{'s' * (plan.contacts.steps != 1)} in {plan.duration:.2f} s",
         f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
     ]
     report = {} if walk is None else walk.plan.posture.report()

@@ -89,7 +89,8 @@ def _sentence(summary: Mapping[str, Any]) -> str:
     solver, timing = summary["solver"], summary["timing"]
     if "log" in summary:
         return "A log has no joints: torques, speeds, clearance and QPs are not measured."
-    walked = f"{summary['outcome']}, {summary['steps_completed']} steps in {timing['simulated']:.4g} s"
+    steps = f"{summary['steps_completed']} step" + "s" * (summary["steps_completed"] != 1)
+    walked = f"{summary['outcome']}, {steps} in {timing['simulated']:.4g} s"
     factor = f"the closed loop at {format_number(timing['real_time_factor'], 3)} times real time"
     if solver["unsolved"] is None:
         return f"{walked}, {factor}; no QP was reported."

@@ -132,7 +132,8 @@ def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any
     time = {"@value": summary["environment"]["time"], "@type": "http://www.w3.org/2001/XMLSchema#dateTime"}
     linked |= {"schema:name": saved.title, "prov:generatedAtTime": time}
     linked["bindsRequirement"] = {"@id": f"urn:ampm:profile:{summary['profile']}"}
-    walked = f"{saved.record.outcome.steps_completed} steps of {saved.title}, friction "
+    steps = saved.record.outcome.steps_completed
+    walked = f"{steps} step{'s' * (steps != 1)} of {saved.title}, friction "
     walked += f"{saved.parameters.contact.friction:g}, profile {summary['profile']}."
     linked["hasContextOfUse"] |= {"schema:name": saved.title, "hasOperatingEnvelope": walked}
     if "uncertainty" in summary:

@@ -42,7 +42,7 @@ class Outcome:
     @property
     def summary(self) -> str:
         """Steps and name, for summaries."""
-        return f"{self.steps_completed} steps, {self.name}"
+        return f"{self.steps_completed} step{'s' * (self.steps_completed != 1)}, {self.name}"
 
     @property
     def completed(self) -> bool:

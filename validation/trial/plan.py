@@ -340,7 +340,7 @@ def plan_walk(
                 _check_footsteps(plan, run, name)
             elif planned < wanted and "gait.steps" in says.get("gait_keys", ("gait.steps",)):
                 raise ValueError(
-                    f"it plans {planned} steps, and gait.steps asks for {wanted}; plan run.gait.steps"
+                    f"it plans {planned} of the {wanted} steps of gait.steps; plan run.gait.steps"
                 )
     goes_on: Any = planner if users.replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
