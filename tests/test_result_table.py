@@ -32,6 +32,7 @@ def test_page_has_headings_colours_and_escapes():
     assert '<th colspan="3" class="group">signals</th>' in html
     assert '<th scope="row">a|&lt;b&gt;</th><td class="n">2</td><td class="red">FAIL</td>' in html
     assert Table("t", ["x"], []).__html__() == ""
+    assert '<th scope="row">pass</th>' in Table("t", ["better"], [["pass"]]).__html__()  # a walk's name
 
 
 def test_latex_breaks_the_lines_of_long_cells():

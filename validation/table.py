@@ -140,7 +140,7 @@ class Table:
             )
         for row in self.rows:
             style = "bold" if is_heading(row) else ""
-            table.add_row(*(Text(cell, COLORS.get(cell.lower(), style)) for cell in row))
+            table.add_row(*(Text(cell, self._color(n, cell) or style) for n, cell in enumerate(row)))
         if self.title and (self.rows or self.notes):
             yield Text(self.title, style="bold")
         if self.rows:
@@ -175,9 +175,13 @@ class Table:
     def _html_class(self, column: int, cell: str = "") -> str:
         names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)
         names += ["unit"] * (self.columns[column] == "unit")
-        if color := COLORS.get(cell.lower()):
+        if color := self._color(column, cell):
             names.append(color)
         return f' class="{" ".join(names)}"' if names else ""
+
+    def _color(self, column: int, cell: str) -> str:
+        """Colour of a verdict; the name of a walk has none."""
+        return "" if self.columns[column] in ("better", "best") else COLORS.get(cell.lower(), "")
 
     def _bar(self, column: int, cell: str) -> str:
         """A bar below a percentage."""
