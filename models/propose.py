@@ -22,6 +22,7 @@ _NO_SOLE = """
 # The left foot has no flat shape, or its meshes are not found from the model's folder.
 # Fill in [body.sole]: heel, front, bottom, heel_half_width, front_half_width [m].
 """
+_BACKWARD = "# As its knees bend, it walks along -x of its model; left and right are seen that way.\n"
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
 _BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
 _HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
@@ -50,7 +51,8 @@ def propose(source: str, folder: Path) -> str:
     where = source if ":" in source else Path(os.path.relpath(path, folder)).as_posix()
     proposal = _Proposal(model)
     body = {"source": where} | balance | proposal.keys()
-    return proposal.facing() + tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
+    text = tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
+    return text if proposal.axes[0, 0] > -_LATERAL else _BACKWARD + text
 
 
 class _Proposal:
@@ -85,13 +87,6 @@ class _Proposal:
             self.knees.reverse()
             self.axes[:2] *= -1.0
 
-    def facing(self) -> str:
-        """A comment if the body walks along another axis of its model than x."""
-        axis = int(np.abs(self.axes[0]).argmax())
-        forward = f"{'-' if self.axes[0, axis] < 0.0 else ''}{'xyz'[axis]}"
-        walks = f"# As its knees bend, it walks along {forward} of its model"
-        return f"{walks}; left and right are seen that way.\n" if forward != "x" else ""
-
     def _ends(self) -> list[int]:
         """The ends of two chains of as many joints whose middle is farthest from their root."""
         model, chains, place = self.model, self.chains, self.data.xpos
@@ -122,10 +117,7 @@ class _Proposal:
         }
 
     def _trunk(self) -> int:
-        """The moving segment reached by always going up where most of the mass is that is not of the legs.
-
-        An arm, whose first segment is beside the middle, is no further part of the trunk.
-        """
+        """The moving segment reached by going up where most mass is not of the legs, nor of an arm beside."""
         model, here, found = self.model, self.root, self.root
         side = np.abs((self.data.xpos - self.data.xpos[self.root]) @ self.axes[1])
         while True:

@@ -151,20 +151,14 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     answer = ampm("body", "new", tmp_path / "arm.urdf", tmp_path / "arm.toml")
     assert answer.status == 2
     assert "no two chains" in answer.err
+    one_arm = URDF.replace("</robot>", f"{ARM}</robot>")
+    for urdf, said in ((one_arm, 'trunk = "chest"'), (BACKWARD, "# As its knees bend, it walks along -x ")):
+        (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
+        assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
 
 
 ARM = f'<link name="arm">{INERTIA.format(3.0)}</link>' + HINGE.format("arm", "chest", "arm", "0 0.2 0.4")
 BACKWARD = URDF.replace('lower="0" upper="2.4"', 'lower="-2.4" upper="0"')
-UNUSUAL = [
-    (URDF.replace("</robot>", f"{ARM}</robot>"), 'trunk = "chest"'),
-    (BACKWARD, "# As its knees bend, it walks along -x of its model; "),
-]
-
-
-@pytest.mark.parametrize(("urdf", "said"), UNUSUAL)
-def test_a_proposal_of_an_unusual_model(urdf: str, said: str, tmp_path: Path) -> None:
-    (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
-    assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
 
 
 def test_keys_of_the_description_replace_what_the_model_has() -> None:
