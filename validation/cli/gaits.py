@@ -35,7 +35,7 @@ class Files:
     """What a plan is written into."""
 
     save: Path | None = option("--save", "Write the complete gait, with the values found.", "FILE.toml")
-    force: bool = option("--force", "Replace an earlier gait at --save.")
+    force: bool = option("--force", "Replace earlier files.")
     samples: Path | None = option("--samples", "Write the plan's signals.", "FILE.csv|.parquet")
     rate: float = option("--rate", "Samples per second.", "HZ", default=RATE)
     motion: Path | None = option(
@@ -48,9 +48,9 @@ class Files:
         if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
         for table in filter(None, (self.samples, self.motion)):
-            check_new_file(table, ".csv", ".parquet")
+            check_new_file(table, ".csv", ".parquet", force=self.force)
         if self.plot is not None:
-            check_new_file(self.plot, ".png", ".svg", ".pdf")
+            check_new_file(self.plot, ".png", ".svg", ".pdf", force=self.force)
         if self.save is not None:
             check_new_file(self.save, ".toml", force=self.force)
 

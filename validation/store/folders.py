@@ -129,7 +129,7 @@ def check_output_file(target: Path, *, force: bool) -> None:
         raise InputError(f"{target} exists; give another file, or force (--force) to replace it.")
 
 
-def check_new_file(target: Path, *suffixes: str, force: bool = True) -> None:
+def check_new_file(target: Path, *suffixes: str, force: bool) -> None:
     """Refuse a file of another suffix, without a folder, or that must not be written, before all work."""
     if target.suffix not in suffixes:
         raise InputError(f"{target} must end in {' or '.join(suffixes)}; the suffix chooses the format.")
