@@ -43,9 +43,8 @@ COLUMNS: Mapping[str, list[str]] = MappingProxyType(
 PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop", "sensor", "foot")))
 """Quantities that are places in the world [m]."""
 NEEDED = (
-    "time, and force_x, _y, _z with zmp_x, _y of both feet; or left_force_x, _y, _z with left_cop_x, _y and "
-    "the same of right; or left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z "
-    "and the same of right"
+    "time, and force_x, _y, _z of both feet; or left_force_x, _y, _z and the same of right; or "
+    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z and the same of right"
 )
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
