@@ -97,17 +97,14 @@ def tasks_of(plan: StepPlan, run: RunParameters, robot: Robot) -> Tasks:
     grid = phase_grid(plan, *NODES)
     reference, at = step_reference(plan, grid[:-1]), plan.sample(grid[:-1])
     feet, right = plan.feet.sample(grid[:-1]), at.right_load
+    right, points = gait_limits.shared_load(feet, at.zmp, right, robot.description.sole)
     share = np.stack([1.0 - right, right], axis=1)
-    carried = gait_limits._carried(feet, at.zmp[:, 0], right, robot.description.sole)
     load, on_toe = np.zeros((len(right), 2, 6)), np.zeros((len(right), 2))
-    both = (right > 0.0) & (right < 1.0)
     for foot in (0, 1):
         force = share[:, foot, None] * at.force
-        y = np.where(both, feet[foot].position[:, 1], at.zmp[:, 1])
-        point = np.stack([carried[foot], y, np.zeros(len(y))], axis=1)
-        load[:, foot] = np.hstack([force, np.cross(point, force)])
+        load[:, foot] = np.hstack([force, np.cross(points[foot], force)])
         axis = feet[foot].position[:, 0] + robot.description.sole.ball_x * np.cos(feet[foot].pitch)
-        on_toe[:, foot] = np.maximum(0.0, carried[foot] - axis) * force[:, 2]
+        on_toe[:, foot] = np.maximum(0.0, points[foot][:, 0] - axis) * force[:, 2]
     arm = np.concatenate([at.zmp, np.zeros((len(right), 1))], axis=1) - at.com
     margins = [
         LIMITS[name].margin(float(value))

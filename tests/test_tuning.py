@@ -19,7 +19,7 @@ from ampm.run_file import leaves_open, load_run
 from ampm.tune import tuning
 from ampm.tune.first_gait import first_gait
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.gait_limits import plan_margins, step_torques
+from ampm.tune.gait_limits import plan_margins, shared_load, step_torques
 from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import NoFeasibleChoice, tune
 from ampm.tune.ways_out import ways_out
@@ -108,6 +108,26 @@ def test_the_heel_of_a_foot_without_toes_rises_later(source):
     quick = late.replace({"foot.heel_rise_lead": 0.003 - double})
     turn = plan_margins(plan_of(quick, robot), quick, robot.description)["turn"][0]
     assert (LIMITS["turn"].margin(turn) < 0.0) != robot.description.sole.has_toes
+
+
+@pytest.mark.parametrize("source", ["human", "g1"])
+def test_both_feet_carry_together_at_the_zmp(source):
+    """Without toes the heel rises with the ZMP near the ball: the front foot gets less than its share."""
+    run, robot = body_of(f"body.source='{source}'", "gait.steps=2")
+    plan, sole = plan_of(run, robot), robot.description.sole
+    double = next(phase for phase in plan.contacts.phases if phase.kind == "double_support")
+    times = double.start + double.duration * np.linspace(0.01, 0.99, 50)
+    times = times[plan.zmp_margin(times) >= 0.0]
+    feet, at = plan.feet.sample(times), plan.sample(times)
+    right, points = shared_load(feet, at.zmp, at.right_load, sole)
+    together = (1.0 - right)[:, None] * points[0] + right[:, None] * points[1]
+    assert together[:, :2] == pytest.approx(at.zmp, abs=1e-12)
+    assert ((right < at.right_load - 0.05).any()) != sole.has_toes
+    for foot, x in zip(feet, points[..., 0], strict=True):
+        touching = np.repeat(foot.contact, 2, axis=1)
+        low, high = (np.where(touching, foot.sole_points[..., 0], end) for end in (np.inf, -np.inf))
+        assert (low.min(axis=1) - 1e-9 <= x).all()
+        assert (x <= high.max(axis=1) + 1e-9).all()
 
 
 def test_torques_give_the_accelerations_of_the_step_back():

@@ -147,8 +147,8 @@ def step_torques(
     """Joint torques of a periodic step, and its twisting moment on the floor.
 
     In single support the force is known from the motion; in double support it is shared by the lateral place
-    of the ZMP. The rear foot then carries at its ball where its contact allows; without toes, both feet carry
-    as far before their reference points where theirs allow.
+    of the ZMP where the points in contact allow. The rear foot then carries at its ball if it can; without
+    toes, both feet carry as far before their reference points if they can.
 
     Args:
         step: configurations, velocities and accelerations of a periodic step.
@@ -167,46 +167,55 @@ def step_torques(
     # The moment about the origin is zmp x force, and the twist about the vertical through the ZMP.
     x, y = -moment[:, 1] / force[:, 2], moment[:, 0] / force[:, 2]
     twist = moment[:, 2] - x * force[:, 1] + y * force[:, 0]
-    sole, both_feet = robot.description.sole, (right > 0.0) & (right < 1.0)
-    carried = _carried(feet, x, right, sole)
+    sole = robot.description.sole
+    right, points = shared_load(feet, np.stack([x, y], axis=1), right, sole)
     for foot, share in ((0, 1.0 - right), (1, right)):
-        place, load, carried_x = feet[foot].position, share[:, None] * force, carried[foot]
-        carried_y = np.where(both_feet, place[:, 1], y)
-        arm = np.stack([carried_x, carried_y, np.zeros(len(time))], axis=1) - place
-        turning = np.cross(arm, load)
+        place, load = feet[foot].position, share[:, None] * force
+        turning = np.cross(points[foot] - place, load)
         turning[:, 2] += share * twist
         rows = jacobian[:, 6 + 6 * foot : 12 + 6 * foot]
         torque -= np.einsum("ki,kij->kj", np.hstack([load, turning]), rows)
         if sole.has_toes:
             axis = place[:, 0] + sole.ball_x * np.cos(feet[foot].pitch)
-            torque[:, robot.toe_joints[foot] - 6] += np.maximum(0.0, carried_x - axis) * load[:, 2]
+            torque[:, robot.toe_joints[foot] - 6] += np.maximum(0.0, points[foot][:, 0] - axis) * load[:, 2]
     return torque, twist / force[:, 2]
 
 
-def _carried(
-    feet: tuple[FootSample, FootSample], centre: Array, right: Array, sole: SoleGeometry
+def shared_load(
+    feet: tuple[FootSample, FootSample], zmp: Array, wanted: Array, sole: SoleGeometry
 ) -> tuple[Array, Array]:
-    """X at which left (rear) and right (front) foot carry, so that together they carry at a centre.
+    """Shares of two feet in the load and the points at which they carry it, so that the ZMP is met.
 
     Args:
-        feet: at n instants.
-        centre: x of the ZMP, shape (n,) [m].
-        right: share of the load on the right foot, shape (n,) [1].
+        feet: left (rear) and right (front) one, at n instants.
+        zmp: shape (n, 2) [m].
+        wanted: share of the right foot, shape (n,) [1].
         sole: of the feet.
 
     Returns:
-        Shape (n,) each [m]; on one foot the centre.
+        Share of the right foot, without toes the nearest to the wanted one that the points in contact allow,
+        shape (n,) [1]; points of both on z = 0, shape (2, n, 3) [m], for a foot without load the ZMP.
     """
-    left = 1.0 - right
+    right, x, both = wanted, zmp[:, 0], (wanted > 0.0) & (wanted < 1.0)
     rear_x, front_x = (foot.position[:, 0] for foot in feet)
     (rear_low, rear_high), (front_low, front_high) = map(_extent, feet)
-    ahead = sole.ball_x * np.cos(feet[0].pitch) if sole.has_toes else centre - left * rear_x - right * front_x
-    rear = np.clip(rear_x + ahead, rear_low, rear_high)
     with np.errstate(divide="ignore", invalid="ignore"):
-        front = np.clip((centre - left * rear) / right, front_low, front_high)
-        rear = np.clip((centre - right * front) / left, rear_low, rear_high)
-    one_foot = (right == 0.0) | (right == 1.0)
-    return np.where(one_foot, centre, rear), np.where(one_foot, centre, front)
+        if not sole.has_toes:  # with toes the heel rises as the ZMP comes to the ball
+            least = np.where(front_high > rear_high, (x - rear_high) / (front_high - rear_high), 0.0)
+            most = np.where(front_low > rear_low, (x - rear_low) / (front_low - rear_low), 1.0)
+            right = np.where(both, np.clip(right, least.clip(0.0, 1.0), most.clip(0.0, 1.0)), right)
+        left = 1.0 - right
+        ahead = sole.ball_x * np.cos(feet[0].pitch) if sole.has_toes else x - left * rear_x - right * front_x
+        rear = np.clip(rear_x + ahead, rear_low, rear_high)
+        front = np.clip((x - left * rear) / right, front_low, front_high)
+        rear = np.clip((x - right * front) / left, rear_low, rear_high)
+    both &= (right > 0.0) & (right < 1.0)
+    points = np.zeros((2, len(zmp), 3))
+    points[..., :2] = zmp
+    points[:, both, 0] = rear[both], front[both]
+    places = np.stack([foot.position[:, 1] for foot in feet])
+    points[:, both, 1] = (places + (wanted - right) * (places[1] - places[0]))[:, both]
+    return right, points
 
 
 def _extent(foot: FootSample) -> tuple[Array, Array]:
