@@ -87,6 +87,8 @@ def rank(
     """
     from validation.study.rank import rank as ranked
 
+    if resume and recordings is None:
+        raise InputError("--resume needs the folder of the walks; give --recordings DIR.")
     found = ranked(folder, by, ahead=ahead)
     if recordings is not None:
         from validation.study.sweep.design import load_sweep
