@@ -16,8 +16,8 @@ class ContactParameters(Section, section="contact"):
     friction: Real = parameter(0.8, "sliding friction of soles and floor", gt=0, le=10)
     impratio: Real = parameter(10.0, "ratio of frictional to normal impedance", gt=0, le=1000)
     acceleration: Literal["partial", "full"] = parameter(
-        "partial",
-        "acceleration of sole points that contacts count: partial as in MuJoCo, or full",
+        "full",
+        "acceleration of sole points that contacts count: full, or partial as in MuJoCo",
     )
 
 

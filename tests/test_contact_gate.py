@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ampm.compiled import records
-from ampm.control.contact_gate import update_gate
-from ampm.control.workspace import BALL, HEEL, TIP, Line, gains_of, points_of, wanted_of
+from ampm.control.contact_gate import land, update_gate
+from ampm.control.workspace import BALL, HEEL, TIP, Contact, Line, gains_of, points_of, wanted_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.reference import reference_type
 from tests.solved import COARSE, walk_of
@@ -97,3 +97,20 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(gate):
     assert gate.limits() == [1.0, 0.0, 0.0]
     assert gate.lines["touched"][0].tolist() == [True, False, False]
     assert not gate.lines["touching"][0].any()
+
+
+@pytest.mark.parametrize("foot", ["lands", "rolls", "leaves"])
+def test_the_force_under_a_foot_is_given_as_it_lands_and_expected_as_it_leaves(gate, foot):
+    """The torques for a given force press the foot down: one that leaves would stay on the floor."""
+    due = {"lands": [True] * 3, "rolls": [False, False, True], "leaves": [False] * 3}[foot]
+    gate.points["sensed"] = 50.0
+    gate.update(AIR, np.array([due, [True] * 3]), touch(left=(BALL,), right=(0, 1, 2)))
+    gate.points["least"] = gate.points["largest"] = 0.0
+    forces, momentum = np.zeros(18), np.zeros(6)
+    contact = Contact(gate.lines, forces, forces, forces, np.ones((6, 18)), momentum, np.zeros((12, 3)))
+    land(GAINS, gate.points, 500.0, contact, 1.0, 0.0)
+    ball, share = (gate.points["foot"] == 0) & (gate.points["line"] == BALL), 0.1 * GAINS.landing_share
+    given = np.where(ball & (foot == "lands"), share, 0.0)
+    assert gate.points["least"].tolist() == pytest.approx(given.tolist())
+    assert gate.points["largest"].tolist() == gate.points["least"].tolist()
+    assert momentum.tolist() == pytest.approx([-2.0 * share * (foot == "leaves")] * 6)

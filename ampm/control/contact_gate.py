@@ -87,7 +87,8 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     once, or it would bounce.
 
     With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
-    beyond the QP's, with k the gain. The QP's forces and these together give the commanded net wrench.
+    beyond the QP's, with k the gain. So is the share that a foot still bears as it leaves the floor: were it
+    given, the torques would press the foot down. The QP's forces and these give the commanded net wrench.
 
     Args:
         gains: of the controller.
@@ -100,13 +101,19 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     forces, change, momentum = contact.forces, contact.change, contact.momentum
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i
-        least = gains.landing_share / weight * point.sensed if point.touching and point.opening < 1.0 else 0.0
+        line, least, expected = contact.lines[point.foot, point.line], 0.0, 0.0
+        if point.touching and point.opening < 1.0:
+            given = gains.landing_share / weight * point.sensed
+            if line.due:
+                least = given
+            elif not contact.lines[point.foot].due.any():
+                expected = given
         if 0.0 < point.opening < 1.0:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
             commanded = forces[unknown] + since * change[unknown]
             expected = gain * (point.sensed / weight - commanded)
-            for k in range(6):
-                momentum[k] -= contact.wrench_map[k, unknown] * expected
+        for k in range(6):
+            momentum[k] -= contact.wrench_map[k, unknown] * expected
         point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

@@ -61,8 +61,6 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         "controller.touchdown_velocity": _SOFT * usual.touchdown_velocity,
         "controller.touchdown_rate": _SOFT * usual.touchdown_rate,
         "controller.touchdown_damping": _SLOW * usual.touchdown_damping,
-        # Else a contact throws off the heel of a fast leg, with a force as large as its rotors.
-        "contact.acceleration": "full",
         # The swing of a short leg is quick.
         "controller.swing_stiffness": usual.swing_stiffness * _HIPS / hips,
         "controller.swing_damping": usual.swing_damping * math.sqrt(_HIPS / hips),

@@ -34,9 +34,8 @@ class Engine(NamedTuple):
     step2: Callable[[], None]
 
 
-_SHARED = {"friction", "acceleration"}  # keys of contact that Drake has, too, with acceleration full
 _ONLY_MUJOCO = (
-    *(f"contact.{name}" for name in ContactParameters.model_fields if name not in _SHARED),
+    *(f"contact.{name}" for name in ContactParameters.model_fields if name != "friction"),
     "simulation.integrator",
     "disturbance.softness_factor",
 )
