@@ -13,9 +13,9 @@ import numpy as np
 from ampm.geometry import Array
 from ampm.walk import ControlOutput
 from benchmarks.timing import least
-from models.scene import BodyModel
 from validation.progress import Progress, interruption
 from validation.table import Table, format_duration
+from validation.trial.engine import make_engine
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import PlannedWalk
 from validation.trial.record import SimulationRecord
@@ -41,7 +41,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     Raises:
         KeyboardInterrupt: the user interrupted a walk.
     """
-    run, body = planned.run, planned.body.model
+    run = planned.run
     periods, ticks, solves, physics = [], [], [], []
     label = f"{walks} walks at {1e3 * run.simulation.time_step:g} ms"
     with progress.stage(label, "steps") as stage:
@@ -54,7 +54,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
             periods.append(np.diff(starts))
             ticks.append(spans)
             solves.append(record.qp_time)
-            physics.append(time_physics(record, body))
+            physics.append(time_physics(record, planned))
     return LoopTimes(
         time_step=run.simulation.time_step,
         period=float(np.median(least(periods))),
@@ -66,20 +66,22 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     )
 
 
-def time_physics(record: SimulationRecord, body: BodyModel) -> Array:
+def time_physics(record: SimulationRecord, planned: PlannedWalk) -> Array:
     """Step the physics of a walk again with the recorded torques.
 
     Returns:
         Time of each whole control period, shape (T,) [s].
     """
-    model = body.compile()
+    model = planned.body.model.compile()
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]
+    engine = make_engine(model, data, planned.run)
     spans = np.empty(record.steps)
     for k, torque in enumerate(record.torque):
         data.ctrl[:] = torque
         start = time.perf_counter()
-        mujoco.mj_step(model, data)
+        engine.step1()
+        engine.step2()
         spans[k] = time.perf_counter() - start
     whole = record.steps // record.substeps * record.substeps
     return np.asarray(spans[:whole].reshape(-1, record.substeps).sum(axis=1))

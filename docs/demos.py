@@ -53,7 +53,7 @@ LIMITS = (
     "largest torque",
     "time at a limit [%]",
     "knee [rad]",
-    "within twice the limits",
+    "within the limits",
 )
 UPWARD = (
     (0.6, 1.3, (1.6, 1.7, 1.8, 1.9)),
@@ -135,7 +135,7 @@ def _limit(preset: str, c_s: float, *settings: str, tune: bool = False) -> tuple
     chosen = (*settings, f"gait.c_s={c_s}")
     gait = load_run(preset, chosen).gait
     head = (f"{gait.step_length:g}, {gait.switching_velocity:g}", f"{c_s:g}")
-    trial = walk(preset, chosen, profile="wide", tune=tune)
+    trial = walk(preset, chosen, tune=tune)
     if isinstance(trial, Exception):
         return (*head, "", "", "", "", "", f"refused: {str(trial).split('; ')[0]}")
     summary = trial.summary

@@ -119,7 +119,7 @@ def faults() -> list[Fault]:
             "gains too low",
             OWN,
             "controller",
-            ["controller.options.fault=soft", "controller.options.share=0.1"],
+            ["controller.options.fault=soft", "controller.options.share=0.05"],
         ),
         Fault("late plan", OWN, "planner", ["planner.options.fault=late", "planner.options.size=0.02"]),
         Fault(

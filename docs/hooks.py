@@ -101,7 +101,7 @@ def tolerances() -> str:
     parts = [
         "# Tolerances",
         "Limits for the default body, in SI units and body weights. A profile that is not named has the "
-        "limit of `default`, if it judges the metric at all. `wide` doubles `default` on the walk. "
+        "limit of `default`, if it judges the metric at all. "
         "[Profiles](measurement.md#verdict-and-tolerances) says what each is for.",
         limits.markdown(),
     ]

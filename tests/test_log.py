@@ -277,7 +277,7 @@ def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, meas
     answer = ampm("judge", folder, "--plan", folder, "--json")
     assert answer.status == (before["verdict"] != "pass")
     assert answer.json == {**before, "directory": str(folder)}
-    assert val.judge_run(folder, "wide").summary["profile"] == "wide"
+    assert val.judge_run(folder, "jumps").summary["profile"] == "jumps"
 
 
 def test_so_is_one_whose_uncertainty_is_known(tmp_path):

@@ -25,7 +25,7 @@ from validation.judge.metrics import (
     register,
     unregister,
 )
-from validation.judge.profiles import DEFAULT, STRICT, WIDE
+from validation.judge.profiles import DEFAULT, JUMPS, STRICT
 from validation.judge.verdict import build_summary
 from validation.study.sweep.report import sweep_metric_table
 
@@ -36,7 +36,7 @@ DROP = Metric(
     meaning="largest distance of the COM below its planned height",
     kind="walk",
     compute=lambda walk: float((walk.sample.com - walk.measured.com)[walk.inside, 2].max()),
-    tolerances={"default": 0.01},
+    tolerances={"default": 0.01, "jumps": 0.02},
     reason="More is visible.",
 )
 
@@ -50,16 +50,14 @@ def drop():
 
 
 def test_profiles_verdict_summary_and_worker_processes(drop):
-    assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, WIDE)] == [0.01, 0.01, 0.02]
-    agreement = METRICS["com_agreement_maximum"]
-    assert WIDE.tolerance(agreement) == DEFAULT.tolerance(agreement)  # the instrument is as good as ever
+    assert [item.tolerances[-1].limit for item in (DEFAULT, STRICT, JUMPS)] == [0.01, 0.01, 0.02]
     comparison = compared(perfect_walk(), com_shift=(0.0, 0.0, -0.015))
     verdict = verdict_of(comparison, DEFAULT)
     assert drop.name in [item.name for item in verdict.failed]
     entry = build_summary(comparison, verdict)["metrics"][drop.name]
     assert entry["value"] == pytest.approx(0.015)
     assert entry["display"]["tolerance"] == 10.0
-    assert verdict_of(comparison, WIDE).passed
+    assert verdict_of(comparison, JUMPS).passed
     data = cloudpickle.dumps(added_metrics())
     unregister(drop.name)
     add_metrics(cloudpickle.loads(data))  # as in a worker process

@@ -180,7 +180,7 @@ def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
     ("old", "new", "walked"),
     [
         ('[[vary]]\nmethod = "grid"', '[set]\nbody.mass = 66.0\n[[vary]]\nmethod = "grid"', [1, 4, 7]),
-        ("steps = 3", 'steps = 3\nprofile = "wide"', [1, 4, 7]),
+        ("steps = 3", 'steps = 3\nprofile = "strict"', [1, 4, 7]),
         ("0.8]", "0.9]", [7]),
         ("steps = 3", "steps = 3\nwall_clock = 9.0", []),
     ],

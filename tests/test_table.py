@@ -154,5 +154,6 @@ def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
         assert (b_step.foot, b_step.heading) == (a_step.foot, pytest.approx(a_step.heading, abs=1e-12))
         assert b_step.position == pytest.approx(a_step.position, abs=1e-12)
     assert found.contacts.footsteps[-1].heading > 1.0
-    trial = val.walk(run, planner=str(path)).judged("footsteps")
-    assert trial.verdict.passed, trial.verdict.reason
+    trial = val.walk(run, planner=str(path))
+    for name in ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "zmp_y_maximum"):
+        assert trial.metrics[name].value == pytest.approx(own.metrics[name].value, rel=0.05)

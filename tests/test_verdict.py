@@ -13,7 +13,7 @@ from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, STRICT, WIDE, find_profile, own_profile
+from validation.judge.profiles import DEFAULT, STRICT, find_profile, own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.trial.disturbances import Push
@@ -146,16 +146,16 @@ def test_limits_grow_with_foot_and_weight():
 
 
 def test_profiles_are_found_by_name_and_by_preset(tmp_path):
-    assert find_profile("wide") is WIDE
+    assert find_profile("strict") is STRICT
     gait, file = load_run("pitch"), tmp_path / "pitch.toml"
     file.write_text(dump_run(gait))
     own = {name: own_profile(name, load_run(name)).name for name in preset_names()}
     own["file"] = own_profile(load_request(str(file)).name, gait).name
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
-    assert special == {"pitch": "wide", "ipm": "jumps"}  # no other demo may take wider limits
+    assert special == {"ipm": "jumps"}  # no other demo may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
     assert own_profile("pitch", gait.replace({}, footsteps=steps)).name == "footsteps"
     assert own_profile("pitch", gait, [Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
     estimated, fixed = {"estimator": "kalman"}, {"estimator": "kalman", "fix_rate": 100}
     runs = [load_run("pitch", sensors=keys) for keys in ({}, estimated, fixed, {"rate_noise": 0.01})]
-    assert [own_profile("pitch", run).name for run in runs] == ["wide", "odometry", "wide", "wide"]
+    assert [own_profile("pitch", run).name for run in runs] == ["default", "odometry", "default", "default"]

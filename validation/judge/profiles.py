@@ -1,8 +1,8 @@
 """Tolerance profiles: how far physics may be from the formula.
 
 The limits and their reasons are listed in ``limits.csv`` for the default body. They were set before the runs
-that they judge, except ``wide`` and the RMS limits of ``odometry``, which were entered after its first runs
-(up to 3.3 mm). Loosening one needs a line in the changelog.
+that they judge, except the RMS limits of ``odometry``, which were entered after its first runs (up to
+3.3 mm). Loosening one needs a line in the changelog.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,6 @@ class Profile:
 
     name: str  # as given to `--profile`
     base: Self | None = None  # profile whose limit holds for a metric that names none for this one
-    factor: float = 1.0  # on the limits of `base` that judge the walk, not its instrument
     leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
 
     def __post_init__(self) -> None:
@@ -63,11 +62,7 @@ class Profile:
         if self.name in metric.tolerances:
             unit = metric.tolerance_unit or metric.unit
             return Tolerance(metric.name, metric.tolerances[self.name], unit, metric.reason)
-        found = self.base.tolerance(metric) if self.base is not None else None
-        if self.base is None or found is None or self.factor == 1.0 or metric.kind != "walk":
-            return found
-        reason = f"{self.factor:g} times the limit of '{self.base.name}'. {found.reason}"
-        return Tolerance(found.metric, self.factor * found.limit, found.unit, reason)
+        return self.base.tolerance(metric) if self.base is not None else None
 
 
 # For every gait of the paper, induced angular momentum included (preset `momentum`: c_s 1.2, c_y 0.4). The
@@ -76,9 +71,6 @@ class Profile:
 DEFAULT = Profile("default")
 # For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).
 STRICT = Profile("strict", DEFAULT)
-# For gaits with much angular momentum and speed (preset `pitch`), and for sweeps far from the presets (c_y
-# 0.2 ... 1.2, c_s 0.8 ... 1.4): twice `default` on the walk; the instrument has to be as good as ever.
-WIDE = Profile("wide", DEFAULT, factor=2.0)
 # For plans whose acceleration jumps (preset `ipm`): a torque is held for a tick and cannot jump within it, so
 # the ZMP is on the wrong side of each jump for up to half a tick. That of `ipm` jumps by J = 0.24 m along x
 # and 0.08 m along y twice in a step of D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2
@@ -99,14 +91,14 @@ PUSHED = Profile("pushed", DEFAULT, leaves_out=(*_ERRORS, "slip_maximum"))
 # measurement; a walk may fly.
 FREE = Profile("free", DEFAULT, leaves_out=("plan_newton_residual", "unsupported_instants"))
 PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {item.name: item for item in (DEFAULT, STRICT, WIDE, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}
+    {item.name: item for item in (DEFAULT, STRICT, JUMPS, FOOTSTEPS, ODOMETRY, PUSHED, FREE)}
 )
 
 
 def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbance] = ()) -> Profile:
     """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
 
-    The gait is the name of a preset, of which ``pitch`` and ``ipm`` have one of their own, or any other; a
+    The gait is the name of a preset, of which ``ipm`` has one of its own, or any other; a
     :class:`Push` among the disturbances, which are beside those of the run, asks for ``pushed``.
     """
     if run.gait.planner == NO_PLAN:
@@ -117,7 +109,7 @@ def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbanc
         return ODOMETRY
     if run.footsteps:
         return FOOTSTEPS
-    return {"pitch": WIDE, "ipm": JUMPS}.get(gait, DEFAULT)
+    return JUMPS if gait == "ipm" else DEFAULT
 
 
 def find_profile(name: Profile | str) -> Profile:
