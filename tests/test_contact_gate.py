@@ -99,14 +99,14 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(gate):
     assert not gate.lines["touching"][0].any()
 
 
-@pytest.mark.parametrize("foot", ["lands", "rolls", "leaves"])
+@pytest.mark.parametrize("foot", ["lands", "rolls", "leaves", "lets go"])
 def test_the_force_under_a_foot_is_given_as_it_lands_and_expected_as_it_leaves(gate, foot):
     """The torques for a given force press the foot down: one that leaves would stay on the floor."""
-    due = {"lands": [True] * 3, "rolls": [False, False, True], "leaves": [False] * 3}[foot]
+    due = {"lands": [True] * 3, "rolls": [False, False, True]}.get(foot, [False] * 3)
     gate.points["sensed"] = 50.0
     gate.update(AIR, np.array([due, [True] * 3]), touch(left=(BALL,), right=(0, 1, 2)))
     gate.points["least"] = gate.points["largest"] = 0.0
-    forces, momentum = np.zeros(18), np.zeros(6)
+    forces, momentum = np.full(18, float(foot == "lets go")), np.zeros(6)  # it is still commanded to push
     contact = Contact(gate.lines, forces, forces, forces, np.ones((6, 18)), momentum, np.zeros((12, 3)))
     land(GAINS, gate.points, 500.0, contact, 1.0, 0.0)
     ball, share = (gate.points["foot"] == 0) & (gate.points["line"] == BALL), 0.1 * GAINS.landing_share

@@ -142,11 +142,10 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     assert trial.summary["planner"] == "table"
 
 
-@pytest.mark.parametrize("radius", [1.0, 2.0])
-def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path, radius):
+def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
     """Written and read as 'ampm plan --footsteps --samples' and 'ampm validate --planner' do."""
     run, path = ampm.load_run("normal", simulation={"time_step": 0.002}), tmp_path / "arc.csv"
-    arc = enumerate(routes.arc(4, 0.4, radius=radius, width=0.2))
+    arc = enumerate(routes.arc(4, 0.4, radius=1.0, width=0.2))
     climb = [step._replace(position=(*step.position[:2], 0.03 * (number > 3))) for number, step in arc]
     own = val.walk(run, footsteps=climb)
     write_columns(table_of(own.plan), path)
@@ -154,9 +153,8 @@ def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path, radius):
     for a_step, b_step in zip(own.plan.contacts.footsteps, found.contacts.footsteps, strict=True):
         assert (b_step.foot, b_step.heading) == (a_step.foot, pytest.approx(a_step.heading, abs=1e-12))
         assert b_step.position == pytest.approx(a_step.position, abs=1e-12)
-    assert found.contacts.footsteps[-1].heading > 0.9 / radius
+    assert found.contacts.footsteps[-1].heading > 0.9
     trial = val.walk(run, planner=str(path)).judged("footsteps")
-    # The sharper arc is too much for the foot that leaves: docs/footsteps.md, "Walks".
-    assert trial.verdict.passed or radius == 1.0, trial.verdict.reason
-    for name in ("zmp_x_rmse", "zmp_y_rmse", "zmp_x_maximum", "zmp_y_maximum"):
-        assert trial.metrics[name].value == pytest.approx(own.metrics[name].value, abs=1e-3)
+    assert trial.verdict.passed, trial.verdict.reason
+    for name in ("zmp_x_rmse", "zmp_y_rmse"):
+        assert trial.metrics[name].value == pytest.approx(own.metrics[name].value, abs=2e-5)

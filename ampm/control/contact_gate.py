@@ -87,8 +87,9 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     once, or it would bounce.
 
     With ``f`` the commanded force of a point when ``s`` was sensed there, a force ``k (s - f)`` is expected
-    beyond the QP's, with k the gain. So is the share that a foot still bears as it leaves the floor: were it
-    given, the torques would press the foot down. The QP's forces and these give the commanded net wrench.
+    beyond the QP's, with k the gain. So is the share that a foot still bears as it leaves the floor, where
+    less was commanded: were it given, the torques would press the foot down. The QP's forces and these give
+    the commanded net wrench.
 
     Args:
         gains: of the controller.
@@ -106,7 +107,7 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
             given = gains.landing_share / weight * point.sensed
             if line.due:
                 least = given
-            elif not contact.lines[point.foot].due.any():
+            elif forces[unknown] < given and not contact.lines[point.foot].due.any():
                 expected = given
         if 0.0 < point.opening < 1.0:
             if point.line != TIP:
