@@ -20,7 +20,8 @@ def check_regular(path: Path) -> None:
         InputError: it is a folder, a pipe or a device.
     """
     if path.exists() and not path.is_file():
-        raise InputError(f"the file {str(path)!r} cannot be read: it is not a regular file; name another.")
+        wrong = "a folder; name a file of it" if path.is_dir() else "not a regular file; name another"
+        raise InputError(f"the file {str(path)!r} cannot be read: it is {wrong}.")
 
 
 def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:

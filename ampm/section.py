@@ -142,7 +142,9 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     key = ".".join([model.section, *location] if model.section else location)
     kind, value = detail["type"], detail.get("input")
     if kind == "extra_forbidden":
-        return unknown(key, model.known_keys(), "section" if isinstance(value, Mapping) else "key")
+        if isinstance(value, Mapping) and not model.section:
+            return unknown(key, model.model_fields, "section")
+        return unknown(key, model.known_keys())
     field = {field.alias or name: field for name, field in model.model_fields.items()}[location[0]]
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"
     meaning = f" Meaning: {field.description}{unit and f' [{unit.strip()}]'}." if field.description else ""
@@ -150,7 +152,9 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
         key = key.rpartition(".")[0]
         return InputError(f"{key} lacks a value; give all of them.{meaning}", key=key)
     if kind == "missing":
-        line = f"[{key}] and its keys." if hasattr(field.annotation, "model_fields") else f"{key} = ..."
+        line = f"{location[0]} = ... in [{model.section}]." if model.section else f"{key} = ..."
+        if keys := getattr(field.annotation, "model_fields", None):
+            line = f"[{key}] with {', '.join(name for name, part in keys.items() if part.is_required())}."
         return InputError(f"{key} is missing; write {line}{meaning}", key=key, way_out=f"write {line}")
     limit = limit_of(detail) + (unit if kind.startswith(("greater_than", "less_than")) else "")
     way_out = None

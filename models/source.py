@@ -43,7 +43,7 @@ ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
 Range = Annotated[tuple[Real, Real], Field(strict=False)]
 
 
-class SoleSection(Section, section="sole"):
+class SoleSection(Section, section="body.sole"):
     """Outline of the left sole with all joints at 0: x forward, z up, from the foot's origin."""
 
     heel: Real = Field(description="x of the heel's edge [m]")

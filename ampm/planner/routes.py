@@ -135,7 +135,8 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     needed = [name for name, field in FootstepParameters.model_fields.items() if field.is_required()]
     if missing := [name for name in needed if names and name not in names]:
-        raise InputError(f"{path} has no column {missing[0]!r}; footsteps need {', '.join(needed)}.")
+        known = f"footsteps need {', '.join(needed)}; --planner walks a plan"
+        raise InputError(f"{path} has no column {missing[0]!r}; {known}.")
     rows = []
     for line, cells in lines:
         row = {str(name).strip(): _value(cell) for name, cell in cells.items() if cell}

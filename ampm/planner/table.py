@@ -69,6 +69,8 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(
             f"the table's column {column!r} is not read; did you mean {meant!r}? Rename one of them."
         )
+    if "foot" in table and "stance" not in table:
+        raise InputError("the table has a column 'foot', as footsteps have; --footsteps walks them.")
     time = _numbers(table, "time")
     later = np.diff(time, prepend=-np.inf) > 0.0
     _check(time, "time", later, "ascend from row to row; give more digits, or remove repeated rows")
@@ -162,10 +164,7 @@ def _evened(contacts: Contacts, time: Array, forward: Array) -> Contacts:
 
 def _column(table: Mapping[str, Any], name: str) -> Any:
     if name not in table:
-        only_feet = (
-            "; footsteps alone are walked by --footsteps" if name == "time" and "foot" in table else ""
-        )
-        raise InputError(f"the table has no column '{name}'; add it{only_feet}.")
+        raise InputError(f"the table has no column '{name}'; add it.")
     if np.shape(table[name]) != (shape := np.shape(table.get("time", table[name])))[:1]:
         raise InputError(f"the column '{name}' has the shape {np.shape(table[name])}, and time {shape}.")
     return table[name]

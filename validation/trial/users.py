@@ -111,6 +111,8 @@ def load_object(option: str, text: str) -> Any:
     except (Exception, SystemExit) as error:
         similar = nearest(name, vars(sys.modules.get(module, object)))
         way_out = f"did you mean {module}:{similar}?" if similar else "mend it."
+        if isinstance(error, ModuleNotFoundError) and error.name == module:
+            way_out = f"start where {module}.py is, or correct the name."
         raise InputError(
             f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); {way_out}"
         ) from error
