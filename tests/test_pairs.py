@@ -21,7 +21,7 @@ from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare import comparison
-from validation.study.compare.comparison import JUDGED, SHARE, SHARE_OF_ERRORS, MetricRow, Side, comparison_of
+from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, comparison_of
 from validation.study.compare.report import COMPARISON_FILE, REPORT, load_comparison, render
 from validation.study.robustness.cells import Cell
 from validation.study.robustness.result import CellResult, Robustness
@@ -167,7 +167,7 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     side = sides[0]
     assert side.doubt("zmp_x_rmse", "m") == pytest.approx(SHARE * side.number("zmp_x_rmse"))
     largest = side.number("zmp_x_maximum")
-    assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE_OF_ERRORS * largest)
+    assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE * largest)
     small = changed(side, margins={"measured_polygon": {"value": 1e-5}})  # whose share would be nothing
     assert small.doubt("margin_measured_polygon", "m") == 1e-3
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))

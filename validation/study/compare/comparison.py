@@ -37,14 +37,12 @@ from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.users import UsersError
 
-SHARE = 0.25
+SHARE = 0.4
 """Assumed numerical change of a value without a convergence study [1].
 
-At half the time step, judged RMSEs of the presets change by 22 % of the smaller value at most (that of L_y in
-``pitch-low``; ZMP 12 %, force 16 %). ``costs.csv`` has those of costs.
+At half the time step, judged errors of the presets change by 39 % of the smaller value at most (L_y in
+``pitch-low``; RMS errors of the ZMP 13 %, largest errors 32 %). ``costs.csv`` has those of costs.
 """
-SHARE_OF_ERRORS = 0.7
-"""The same of largest errors, which change by 68 % at most (``pitch-low``; others 17 %)."""
 JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
 _SIZES = {
     "m": (FOOT_LENGTH, "% of foot"),
@@ -114,10 +112,9 @@ class Side(Brief):
         """Change of a metric for numerical reasons, in SI units; infinite without a bound."""
         value, known = self.number(name), self.studied(name)
         if math.isnan(known):
-            metric, cost = METRICS.get(name), COSTS.get(name)
-            is_error = metric is not None and metric.nature == "extreme"
-            share = float(cost["change"]) if cost else SHARE_OF_ERRORS if is_error else SHARE
-            known = max(share * abs(value), float(cost["least"]) if cost else 0.0)
+            cost = COSTS.get(name)
+            share, least = (float(cost["change"]), float(cost["least"])) if cost else (SHARE, 0.0)
+            known = max(share * abs(value), least)
         return max(known, float(rounding(value, unit)))
 
     def studied(self, name: str) -> float:
@@ -184,8 +181,8 @@ class WalkComparison(Tabled):
             "the smaller value": SHARE,
             "torque, work and other margins": float(COSTS["margin_torque"]["change"]),
             "friction": float(COSTS["margin_friction"]["change"]),
-            "feedback and the measured ZMP margin": float(COSTS["margin_measured_polygon"]["change"]),
-            "largest errors": SHARE_OF_ERRORS,
+            "feedback": float(COSTS["effort_zmp_x"]["change"]),
+            "the measured ZMP margin": float(COSTS["margin_measured_polygon"]["change"]),
         }
         texts = [f"{100.0 * share:g} % of {what}" for what, share in shares.items()]
         return f"{', '.join(texts)}; near zero what half the time step changes"
