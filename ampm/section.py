@@ -106,10 +106,11 @@ def unit_of(field: Any) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that resembles a name most, those with the same last part first; None if none does."""
+    """The known name whose last part resembles that of a name most; None if none does."""
     lower, leaf = {other.lower(): other for other in known}, name.lower().rpartition(".")[2]
-    same = [other for other in lower if other.rpartition(".")[2] == leaf]
-    close = difflib.get_close_matches(name.lower(), same or lower, 1, 0.0 if same else 0.7)
+    leaves = {other: other.rpartition(".")[2] for other in lower}
+    near = difflib.get_close_matches(leaf, leaves.values(), 1, 0.7)
+    close = difflib.get_close_matches(name.lower(), [o for o in lower if leaves[o] in near], 1, 0.0)
     return lower[close[0]] if close else None
 
 
