@@ -5,7 +5,7 @@ import pinocchio as pin
 import pyarrow.parquet as pq
 import pytest
 
-from ampm.body import orbit, return_map
+from ampm.body import orbit
 from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
@@ -100,9 +100,9 @@ def test_multipliers_are_eigenvalues_of_the_return_map():
     exact = np.linalg.eigvals(jacobian)
     exact = exact[np.argsort(-np.abs(exact))]
     reported = [complex(*x) for x in motion.report.multipliers]
-    assert len(reported) == return_map.MULTIPLIERS
-    np.testing.assert_allclose(reported[:slow], exact[:slow], atol=2e-4)
-    assert np.abs(exact[slow:]).max() < 0.1
+    assert len(reported) == slow
+    np.testing.assert_allclose(reported, exact[:slow], atol=2e-4)
+    assert np.abs(exact[slow:]).max() < 0.05
     assert reported[0].real > 1.0  # why a walk is tiled, never integrated on
     assert reported[1].real < -0.9
 

@@ -40,7 +40,7 @@ class MotionReport:
     angular_momentum_y_offset: float  # constant of L_y that makes the step periodic [N m s]
     residual: float  # largest difference of the mirrored return, q and qd [rad, m, rad/s, m/s]
     mean_trunk_pitch: float  # over the step [rad]
-    # largest eigenvalues of the one-step return map, by magnitude, as (real, imaginary)
+    # eigenvalues of the one-step return map above 0.05 in magnitude, largest first, as (real, imaginary)
     multipliers: tuple[tuple[float, float], ...]
     knee_minimum: Extreme  # smallest knee flexion, and its side; the left foot stands [rad]
     joint_limit_margin: Extreme  # smallest distance of any joint from its limits, negative beyond them [rad]

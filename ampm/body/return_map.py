@@ -16,8 +16,8 @@ from ampm.body.step_reference import StepReference
 from ampm.geometry import Array
 from ampm.planner.contacts import Contacts
 
-MULTIPLIERS = 4
-"""How many multipliers of the return map are reported."""
+_MULTIPLIERS = 4  # of the return map, reported at most
+_SLOW = 0.05  # magnitude from which a multiplier is reported; modes below it are gone within a step
 
 _VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
 _OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
@@ -293,14 +293,17 @@ def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> BroydenIn
 
 
 def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, float], ...]:
-    """Leading eigenvalues of the return map at a fixed constant of L_y: Arnoldi from a fixed start vector."""
+    """Slow eigenvalues of the return map at a fixed constant of L_y, largest first, by Arnoldi's method.
+
+    Eigenvalues below :data:`_SLOW` are left out, because they are not computed accurately.
+    """
     most, n = 12, step_map.n - 1
     z, offset = orbit.z, orbit.offset
     base = step_map.returned(orbit.trajectory, offset)
     basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
     start = np.random.default_rng(0).normal(size=n)
     basis[0] = start / _length(start)
-    leading = np.zeros(0, dtype=complex)
+    slow = np.zeros(0, dtype=complex)
     for k in range(most):
         moved = z.copy()
         moved[:-1] += _DIFFERENCE * basis[k]
@@ -311,15 +314,14 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
         rest = _length(image)
         hessenberg[k + 1, k] = rest
         values, vectors = np.linalg.eig(hessenberg[: k + 1, : k + 1])
-        order = np.argsort(-np.abs(values), kind="stable")[:MULTIPLIERS]
-        leading = values[order]
-        # A Ritz value's residual is what the next direction would add to its vector. Modes that decay within
-        # a step need less accuracy than slow ones.
-        slow = order[np.abs(leading) > 0.05]
-        if rest < 1e-8 or (k + 1 >= MULTIPLIERS and (rest * np.abs(vectors[-1, slow]) < 1e-5).all()):
+        order = np.argsort(-np.abs(values), kind="stable")[:_MULTIPLIERS]
+        order = order[np.abs(values[order]) > _SLOW]
+        slow = values[order]
+        # A Ritz value's residual is what the next direction would add to its vector.
+        if rest < 1e-8 or (k + 1 >= _MULTIPLIERS and (rest * np.abs(vectors[-1, order]) < 1e-5).all()):
             break
         basis[k + 1] = image / rest
-    return tuple((float(x.real), float(x.imag)) for x in leading)
+    return tuple((float(x.real), float(x.imag)) for x in slow)
 
 
 def _length(a: Array) -> float:
