@@ -357,8 +357,9 @@ class RunParameters(Section):
 
     @property
     def undisturbed(self) -> "RunParameters":
-        """The run as planner and controller know it: without its sections ``disturbance`` and ``sensors``."""
-        return self.model_copy(update={"disturbance": DisturbanceParameters(), "sensors": SensorParameters()})
+        """The run as planner and controller know it, a copy without its ``disturbance`` and ``sensors``."""
+        hidden = {"disturbance": DisturbanceParameters(), "sensors": SensorParameters()}
+        return self.model_copy(deep=True, update=hidden)
 
     @property
     def given(self) -> frozenset[str]:

@@ -82,7 +82,7 @@ _WAYS_OUT = {
     "heel_rises_before_zmp_reaches_ball": "move the ZMP farther ahead of the footstep of the foot that "
     "stands, lower foot.heel_rise_lead, or take foot.schedule = flat",
     "leg_too_short": "lower the COM (its z, or without it gait.com_height), or take shorter steps",
-    "sole_under_floor": "raise foot.swing_height or foot.heel_strike_angle",
+    "sole_under_floor": "raise foot.swing_height or foot.heel_strike_angle, or take foot.schedule = flat",
     "zmp_leaves_support": "keep the ZMP in the soles that stand",
 }
 """Ways out by the reason of a refusal, for plans of samples; how the feet swing is the gait's."""

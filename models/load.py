@@ -28,6 +28,7 @@ LEG_JOINTS = 6
 _SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _LEAST_BEND = 0.1  # range of a knee [rad]
+_LARGEST_RANGE = 4.0 * math.pi  # of a joint of a leg [rad]: more is in degrees
 _TALLEST = 3.0  # stature, as of body.height [m]
 _DRY = (0.001, 1.0)  # solreffriction: MuJoCo's default makes dry friction viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
@@ -165,8 +166,8 @@ class Writer:
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             raise InputError(
-                f"the knee {joint.name!r} bends forward; exchange left and right in the body's description, "
-                f"or give the range, now {joint.low:g} to {joint.high:g} rad, with [body.range].",
+                f"the knee {joint.name!r} bends forward, with its range of {joint.low:g} to {joint.high:g} "
+                "rad; correct it with [body.range], or, if right, exchange left and right in the file.",
                 key="body.foot",
             )
         return LegDescription(
@@ -326,17 +327,17 @@ class Writer:
         inverse = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
-        loose = [hinges[k].name for k in of_legs if not math.isfinite(hinges[k].high - hinges[k].low)]
+        loose = [hinges[k].name for k in of_legs if not hinges[k].high - hinges[k].low <= _LARGEST_RANGE]
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest outside of their range", "correct them"),
             (bare, "moving segments without positive mass", "give it in the model, or lock joints of no leg"),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
-            (weak, "joints without a torque limit", "give it with [body.effort]"),
+            (weak, "joints without a torque limit above 0", "give it with [body.effort]"),
             (still, "joints with a speed limit of 0", "give it with [body.speed]"),
             (inverse, "joints whose range is empty", "give it with [body.range], least angle first"),
-            (loose, "joints of a leg without a range", "give it with [body.range]"),
+            (loose, "joints of a leg without a range, or over two turns", "give it in rad with [body.range]"),
         ):
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")

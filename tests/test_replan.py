@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from ampm.exceptions import BodilyRefusal, InputError
-from ampm.planners import PeriodicPlanner
+from ampm.planner.routes import as_rows, straight
+from ampm.planners import FootstepPlanner, PeriodicPlanner
+from ampm.run_file import load_run
 from tests.records import same_bits
 from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
@@ -22,8 +24,10 @@ from validation.store.signals import COLUMNS
 from validation.trial.followed import JUDGED_LEAD, LEADS
 from validation.trial.frozen_plan import PlanRows
 from validation.trial.outcome import OutcomeName
-from validation.trial.plan import Request, plan_walk
+from validation.trial.plan import Request, make_body, plan_walk
 from validation.trial.references import References
+from validation.trial.simulate import simulate
+from validation.trial.users import UsersError
 
 
 class Replanning:
@@ -137,6 +141,58 @@ def test_errors_on_the_way_end_the_walk(change, at, words):
     assert record.outcome.name is OutcomeName.CRASHED
     assert re.search(words, record.outcome.cause), record.outcome.cause
     assert words != "plan beyond now" or record.time[-1] == pytest.approx(at, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rows", "scale", "words"),
+    [
+        (4, 1.0, "has 2 of the walk's 3 steps"),
+        (5, 0.3, r"does not step on footstep 4 at \(0\.6, .*its nearest step is 0\.42 m off"),
+    ],
+)
+def test_footsteps_of_the_run_bind_later_plans(rows, scale, words):
+    given = as_rows(straight(3, 0.3, 0.18))
+    run = load_run(None, ["simulation.time_step=0.002"], footsteps=given)
+
+    def replan(time, plan):
+        if time < 0.1:
+            return None
+        others = [row | {"x": scale * row["x"]} for row in given[:rows]]
+        return FootstepPlanner().plan(run.replace({}, footsteps=others), body.robot)
+
+    class Straying(Replanning):
+        def plan(self, run, robot):
+            return FootstepPlanner().plan(run, robot)
+
+    planner, body = Straying(replan, 0.1), make_body(run)
+    record = simulate(plan_walk(Request("stones", run), planner=planner))
+    assert record.outcome.name is OutcomeName.CRASHED
+    assert re.search(words, record.outcome.cause), record.outcome.cause
+
+
+def test_a_planner_cannot_change_the_run():
+    class Greedy(PeriodicPlanner):
+        checked = False
+
+        def plan(self, run, robot):
+            run.planner.options["roll"] = 0.2
+            object.__setattr__(run.gait, "steps", 1)
+            return super().plan(run, robot)
+
+    run = walk_of(COARSE, "gait.steps=2", "planner.options.roll=0.1").run
+    with pytest.raises(UsersError, match="1 of the 2 steps"):
+        plan_walk(Request("walk", run), planner=Greedy())
+    assert (run.gait.steps, run.planner.options) == (2, {"roll": 0.1})
+
+
+def test_an_error_within_a_library_is_placed_where_the_class_called_it():
+    def change(time, plan):
+        return np.linalg.solve(np.zeros((2, 2)), np.zeros(2))
+
+    record = simulated(planner=Replanning(lambda time, plan: change(time, plan) if time > 0.1 else None))
+    assert re.search(r"Singular matrix\) in test_replan\.py, line", record.outcome.cause), (
+        record.outcome.cause
+    )
 
 
 def later(plan, begin):

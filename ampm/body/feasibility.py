@@ -143,7 +143,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
     depth = -plan.feet.heights(feet).T
     foot, at = np.unravel_index(int(depth.argmax()), depth.shape)
     what = f"the {('left', 'right')[foot]} sole is planned under the floor at {times[at]:.3f} s: its depth"
-    more = "raise foot.swing_height or foot.heel_strike_angle"
+    more = "raise foot.swing_height or foot.heel_strike_angle, or take foot.schedule = flat"
     yield Limit(what, "m", FLOOR_TOLERANCE, AT_MOST, "sole_under_floor", more), float(depth.max())
 
     # In double support the ZMP crosses the edge behind a rising heel in milliseconds; single support has no

@@ -23,7 +23,7 @@ class OutcomeName(StrEnum):
             OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
             OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
             OutcomeName.CRASHED: "A controller, planner, estimator or disturbance failed.",
-            OutcomeName.INTERRUPTED: "The run was stopped from outside.",
+            OutcomeName.INTERRUPTED: "The run was interrupted.",
         }[self]
 
 

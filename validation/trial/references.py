@@ -14,12 +14,14 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
+from validation.trial.plan import check_footsteps
 from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
 _NEXT = 3  # phases of a new plan in which the ZMP is checked: what is planned for later will change
 _OUTSIDE = 0.1  # most distance of its ZMP from the support [m]: after a push a ZMP inside may not suffice
+_ASIDE = 0.2  # most distance of a footstep of the run from it [m]: a push may force a step aside
 _LATE = 0.02  # most time from asking for a plan to its begin [s]: a row of samples at 50 Hz
 
 
@@ -68,7 +70,8 @@ class References(Course):
             hold=(self.substeps - 1) * self.time_step,
             slope=self.substeps * self.time_step if gains.hold == "first-order" else 0.0,
         )
-        self.steps, self.planner, self.controller = steps, planner, controller
+        self.steps, self.footsteps = steps, run.footsteps
+        self.planner, self.controller = planner, controller
         self.period, self._due = replan_period(planner), 0.0
         self.plans: list[FrozenPlan] = []
         self.since: list[int] = []
@@ -120,6 +123,7 @@ class References(Course):
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
             check_contacts(plan, time, _NEXT, _OUTSIDE)
+            check_footsteps(plan, self.footsteps, _ASIDE)
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:

@@ -68,7 +68,9 @@ def simulate(
         InputError: control period and time step do not fit, or a user's class fails at once.
     """
     plan, run, replanner = planned.plan, planned.run, planned.replanner
-    steps = None if replanner is None or run.footsteps else run.gait.steps
+    steps = None
+    if replanner is not None:
+        steps = plan.contacts.steps if run.footsteps else run.gait.steps
     physics = Physics(planned.scene, run)
     factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
     known = planned.body.again()
@@ -254,7 +256,7 @@ class ClosedLoop:
             cause = error.fault if isinstance(error, UsersError) else str(error)
             end = Outcome(OutcomeName.CRASHED, 0.0, cause, 0)
         except KeyboardInterrupt:
-            end = Outcome(OutcomeName.INTERRUPTED, 0.0, "the run was interrupted by the user", 0)
+            end = Outcome(OutcomeName.INTERRUPTED, 0.0, "Ctrl-C", 0)
         time, steps = self.done * self.physics.time_step, len(course.step_ends)
         if end is not None:
             steps = int(np.searchsorted(course.step_ends, time + 1e-6))

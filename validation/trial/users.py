@@ -5,6 +5,7 @@ import io
 import math
 import re
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ from ampm.sensor_parameters import EXACT
 from ampm.walk import Planner
 
 _OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
+_INSTALLED = [Path(path) for path in map(sysconfig.get_path, ("stdlib", "purelib", "platlib"))]
 SUFFIXES = (".csv", ".parquet")
 """Suffixes of tables."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
@@ -63,8 +65,9 @@ class UsersCode:
         if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
             name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
-            own = [(path.name, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
-            place = "".join(f" in {file}, line {line}" for file, line in own[-1:])
+            places = [(path, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
+            users = [at for at in places if not any(map(at[0].is_relative_to, _INSTALLED))] or places
+            place = "".join(f" in {path.name}, line {line}" for path, line in users[-1:])
             raise UsersError(
                 f"the {self.what} {name} failed ({type(error).__name__}: {words_of(error)}){place}{_WAY_OUT}"
             ) from error
