@@ -22,7 +22,7 @@ from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare import comparison
 from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, comparison_of
-from validation.study.compare.report import COMPARISON_FILE, REPORT, load_comparison, render
+from validation.study.compare.report import COMPARISON_FILE, REPORT, draw_walks, load_comparison, render
 from validation.study.robustness.cells import Cell
 from validation.study.robustness.result import CellResult, Robustness
 
@@ -223,6 +223,30 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     found = comparison_of([sides[0], changed(sides[1], outcome="fell")])
     monkeypatch.setattr("validation.study.compare.comparison.compare_gaits", lambda *_, **__: found)
     assert ampm("compare").status == 3
+
+
+def test_curves_share_a_clock_if_a_walk_has_no_stride(sides):
+    run = sides[1].run
+    short = replace(run, signals=run.signals.take(np.arange(300)))
+    for second, title in ((run, "two steps"), (short, "whole run")):
+        keys, pictures = draw_walks([sides[0], replace(sides[1], run=second)])
+        (chart,) = pictures[0].charts
+        assert len(keys) == 2
+        assert title in chart.title
+        lengths = [mark.points[-1, 0] for mark in chart.marks if mark.label]
+        whole = [side.signals.time[-1] for side in (sides[0].run, second)]
+        assert (lengths == pytest.approx(whole, abs=0.01)) == (title == "whole run")
+
+
+def test_an_interrupted_comparison_without_a_folder_promises_none(monkeypatch, tmp_path):
+    def interrupt(**options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(comparison, "keep_run", interrupt)
+    for out, notes in ((None, 0), (tmp_path / "both", 1)):
+        with pytest.raises(KeyboardInterrupt) as caught:
+            comparison.compare_gaits(["flat", "ipm"], workers=0, out=out)
+        assert len(getattr(caught.value, "__notes__", [])) == notes
 
 
 def test_a_page_escapes_names(sides):

@@ -53,7 +53,14 @@ def assert_rrd(command: str, *files: Path) -> None:
 
 
 def entities(path: Path) -> set[str]:
-    return {chunk.entity_path for chunk in RrdReader(path).stream()}
+    found = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    return {entity for entity in found if not entity.startswith("/__")}  # properties of the recording
+
+
+def identity(path: Path) -> str:
+    """What a viewer tells recordings apart by."""
+    (recording,) = RrdReader(path).recordings()
+    return str(recording.recording_id)
 
 
 def batches(path: Path, entity: str, *, static: bool = False) -> list[Any]:
@@ -106,7 +113,7 @@ def test_segments_move_as_the_model_says(one):
             np.testing.assert_allclose(turned.ravel(), data.body(name).xmat, atol=1e-5)
 
 
-def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_path):
+def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(walks, one, tmp_path):
     path = one / RunFile.RECORDING
     assert_rrd("verify", path)
     wanted = """world/follow world/plan/polygon world/plan/footprints world/floor/zmp/plan
@@ -116,6 +123,8 @@ def test_a_recording_is_sound_small_and_has_what_a_viewer_must_show(one, tmp_pat
     assert path.stat().st_size / load_record(one).outcome.time < 1e6
     again = write_recording(make_run(tmp_path / "run", steps=4))
     assert_rrd("compare", path, again)  # of an identical run
+    assert identity(path) == identity(again) != identity(walks["slow"] / RunFile.RECORDING)
+    assert last_static(path, "/__properties", "RecordingInfo:name") == ["normal, simulation.time_step 0.002"]
     os.truncate(again, 99)
     with pytest.raises(InputError, match=r"recording\.rrd has changed"):
         load_saved_run(again.parent)

@@ -18,7 +18,7 @@ from validation.show.curves import CURVES
 from validation.show.report import render, write_report
 from validation.show.rerun.record import verdict_markdown, write_recording
 from validation.show.run_figures import RunFigures, middle, strides
-from validation.show.style import MEASURED
+from validation.show.style import MEASURED, SHADE
 from validation.show.walker import INSTANTS, draw_walker
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.trial.files import RunFile
@@ -121,6 +121,24 @@ def test_an_error_is_drawn_as_measured_minus_planned_in_the_unit_of_its_axis(run
     error = 1e3 * (saved.signals["measured_zmp_x"] - saved.signals["plan_zmp_x"])[figures.window]
     drawn = figures.causes("x").charts[0].marks[-1].points[:, 1]
     assert (drawn.min(), drawn.max()) == pytest.approx((error.min(), error.max()))
+
+
+def test_a_plan_that_is_not_known_again_leaves_times_and_measured_footprints(run_dir, html):
+    saved = load_saved_run(run_dir)
+    other = replace(saved, summary={**saved.summary, "planner": "Mine"})
+    of_both = [dict(re.findall(r"<dt>([^<]+)</dt><dd>([^<]+)</dd>", page)) for page in (html, render(other))]
+    for name in ("single support", "double support", "planned speed"):
+        known, found = (float(facts[name].split()[0]) for facts in of_both)
+        assert found == pytest.approx(known, abs=0.002), name
+    planned, measured = (RunFigures(saved, plan).top_view() for plan in (saved.plan(), other.plan()))
+    assert "over measured footprints" in measured.label
+    places = [
+        [mark.points.mean(axis=0) for mark in picture.charts[0].marks if mark.fill == SHADE]
+        for picture in (planned, measured)
+    ]
+    assert len(places[1]) >= 4
+    for place in places[1]:
+        assert np.linalg.norm(np.array(places[0]) - place, axis=1).min() < 0.03
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.9])

@@ -90,8 +90,10 @@ def test_terminal_and_recording_show_the_tables(said, capsys):
     print_result({**said, "verdict": "undecided"}, Path("run"))
     assert "ampm explain" not in capsys.readouterr().out
     record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
-    saved: Any = SimpleNamespace(summary=said, table=lambda: tables[0], record=record, is_log=False)
+    saved: Any = SimpleNamespace(title="normal", summary=said, record=record, is_log=False)
+    saved.table = lambda: tables[0]
     text = verdict_markdown(saved)
+    assert text.startswith("# normal: ")
     assert "| unsolved QPs | 3 | 0 |  |  | FAIL |" in text
     assert "| ground force, RMS error along x | 0.9 ± inf | 0.8 | % BW | 112 % | undecided |" in text
     assert "Every time step (0.5 ms) is in `signals.parquet`." in text

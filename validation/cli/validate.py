@@ -91,7 +91,8 @@ def validate(
         if not result.as_json:
             print_result(summary, target)
         if interruption.pending:  # interrupted during the measurement, which is finished first
-            narrator.say(f"ampm: interrupted; the run is complete in {target} but for recording and report")
+            missing = "recording and report, which 'ampm report' draws"
+            narrator.say(f"ampm: interrupted; the run is complete in {target} but for {missing}")
             interruption.acknowledge()
             statuses.append(Status.INTERRUPTED)
         if statuses[-1] is Status.INTERRUPTED:

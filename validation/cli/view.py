@@ -35,7 +35,8 @@ def view(
     the curves lie over each other.
     """
     if save is None and len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
-        return show_recording(targets[0], web=web)
+        show_recording(targets[0], web=web)
+        return Status.PASS
     if missing := [target for target in targets if not (target / RunFile.SUMMARY).is_file()]:
         raise InputError(f"{missing[0]} is not a run; give folders, or one .rrd file alone without --save.")
     if save is None:
@@ -45,7 +46,8 @@ def view(
     with tempfile.TemporaryDirectory(prefix="ampm-view-") as folder:
         shown = recording_of(targets, Path(folder))
         if save is None:
-            return show_recording(shown, web=web)
+            show_recording(shown, web=web)
+            return Status.PASS
         with output_file(save, force=force) as work:
             shutil.copyfile(shown, work)
     Narrator().wrote(save)

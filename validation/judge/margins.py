@@ -13,13 +13,12 @@ from ampm.body.motion import Extreme
 from ampm.description import BodyDescription
 from ampm.geometry import Array, Flags, blocks
 from ampm.planner.centroidal import PlanSample
+from validation.measure.log import LOADED
 from validation.measure.measure import MeasuredGait
 from validation.trial.followed import Followed
 from validation.trial.record import SimulationRecord, state_steps
 from validation.trial.shapes import Shapes
 
-LOADED = 0.05
-"""Share of body weight from which a foot's friction counts [1]."""
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 

@@ -105,7 +105,7 @@ def validate(
                 interruption.check()
             except (Exception, KeyboardInterrupt) as error:
                 error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
-                late = error
+                late = None if interruption.pending else error  # the command line tells the verdict first
     if late is not None:
         raise late
     return summary

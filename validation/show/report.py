@@ -99,11 +99,9 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
             facts[f"{kind} velocity"] = f"({vx}, {vy}) m/s, {wz} rad/s"
     elif not saved.from_rest:  # lengths, times and speed vary otherwise
         facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
-        if plan is not None:
-            constants = plan.constants
-            facts["single support"] = f"{constants.single_support_duration:.3f} s"
-            facts["double support"] = f"{constants.double_support_duration:.3f} s"
-            facts["planned speed"] = f"{constants.mean_velocity:.3g} m/s"
+        for label, value in saved.planned_timing.items():
+            name, _, unit = label.rstrip("]").partition(" [")
+            facts[name] = f"{format_number(value, 3)} {unit}"
     if planner in ("ampm", "footsteps"):
         facts |= {"slopes c_s, c_y": f"{gait.c_s:.4g}, {gait.c_y:.4g}", "ZMP a_s": f"{gait.a_s:.4g}"}
     if saved.is_log:

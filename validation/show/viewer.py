@@ -8,9 +8,10 @@ from pathlib import Path
 from ampm.exceptions import InputError
 
 
-def show_recording(recording: Path, *, web: bool = False) -> int:
-    """Open one recording, with ``web`` in a browser; when it is closed, return the viewer's exit status."""
-    return subprocess.call(viewer_command(recording, web=web))
+def show_recording(recording: Path, *, web: bool = False) -> None:
+    """Open one recording, with ``web`` in a browser, until it is closed; InputError if the viewer fails."""
+    if subprocess.call(viewer_command(recording, web=web)) > 0:
+        raise InputError("the viewer ended with the error above; close another one, if it is open.")
 
 
 def viewer_command(recording: Path, *, web: bool = False) -> list[str]:

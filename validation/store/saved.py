@@ -5,6 +5,7 @@ is exact, and the support polygons are cheaper to recompute than to store.
 """
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,6 +101,21 @@ class SavedRun(Tabled):
             size = np.linalg.norm(record.external_force[:, k], axis=1)
             for a, b in np.flatnonzero(np.diff(size > 0.0, prepend=False, append=False)).reshape(-1, 2):
                 found.append((segment, float(record.time[a]), float(record.time[b]), float(size[a:b].max())))
+        return found
+
+    @property
+    def planned_timing(self) -> dict[str, float]:
+        """Mean durations and speed of whole phases and steps of the plan, by labels with units."""
+        signals, found = self.signals, {}
+        if len(signals) > 1 and not self.is_free:
+            begun = signals.switches()
+            kinds, lasting = signals["phase"][begun[:-1]], np.diff(signals.time[begun])
+            for name in ("single_support", "double_support"):
+                mine = lasting[kinds == name]
+                found[f"{name.replace('_', ' ')} [s]"] = float(mine.mean()) if mine.size else math.nan
+            ends = begun[::2][[0, -1]] if len(begun) > 2 else np.array([0, len(signals) - 1])
+            way = np.ptp(signals.vector("plan_com", "xy")[ends], axis=0)
+            found["planned speed [m/s]"] = float(np.linalg.norm(way) / np.ptp(signals.time[ends]))
         return found
 
     @property

@@ -77,7 +77,8 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path, curves = saved.directory / RunFile.RECORDING, _curves(saved)
-    with _open_stream("ampm", "ampm-run", path, views.run_blueprint(_ranges([curves]))) as stream:
+    with _open_stream("ampm", _key(saved), path, views.run_blueprint(_ranges([curves]))) as stream:
+        stream.send_recording_name(saved.title)
         _Log(stream, saved).everything(curves)
     keep_digest_of_recording(saved.directory)
     return path
@@ -95,9 +96,16 @@ def write_several(runs: Mapping[str, SavedRun], path: Path) -> None:
     curves = [_curves(saved) for saved in runs.values()]
     names = {f"/{letter}": name for letter, name in zip(ascii_lowercase, runs, strict=False)}
     blueprint = views.several_blueprint(names, _ranges(curves))
-    with _open_stream("ampm-beside", "ampm-beside", path, blueprint) as stream:
+    key = "-".join(map(_key, runs.values()))
+    with _open_stream("ampm-beside", key, path, blueprint) as stream:
+        stream.send_recording_name(", ".join(runs))
         for (at, name), drawn, color in zip(names.items(), curves, views.RUN_COLORS, strict=False):
             _Log(stream, runs[name], at, name, color).everything(drawn)
+
+
+def _key(saved: SavedRun) -> str:
+    """Identity of a run's recording: equal for equal runs, so that a viewer tells others apart."""
+    return str(saved.summary["files"][RunFile.SIGNALS])[:16]
 
 
 def _ranges(runs: Sequence[Curves]) -> views.Ranges:
@@ -152,7 +160,7 @@ class _Log:
 
     def everything(self, curves: Curves) -> None:
         """Verdict, body, floor, curves, phases and events."""
-        self.stream.log(self.at or "/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self.stream.log(self.at or "/", rr.ViewCoordinates.FLU, static=True)
         verdict = rr.TextDocument(verdict_markdown(self.saved), media_type=rr.MediaType.MARKDOWN)
         self.static("verdict", verdict)
         if not self.saved.is_log:
@@ -341,7 +349,7 @@ def verdict_markdown(saved: SavedRun) -> str:
     summary = saved.summary
     step = f"{1e3 * saved.record.time_step:g} ms"
     parts = [
-        f"# {summary['verdict']} ({'log' if saved.is_log else saved.record.outcome.name})",
+        f"# {saved.title}: {summary['verdict']} ({'log' if saved.is_log else saved.record.outcome.name})",
         summary["reason"],
         saved.table().markdown(),
         "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact. "

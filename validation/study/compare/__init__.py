@@ -1,1 +1,1 @@
-"""Two gaits side by side."""
+"""Gaits, runs or sweeps side by side."""

@@ -81,21 +81,6 @@ class Side(Brief):
         """Name of the outcome."""
         return str(self.run.summary["outcome"])
 
-    @property
-    def timing(self) -> dict[str, float]:
-        """Mean durations and speed that the planner chose, by labels with units."""
-        signals, found = self.run.signals, {}
-        if len(signals) > 1 and not self.run.is_free:
-            phases = np.split(signals["phase"], signals.switches()[1:])[1:-1]  # whole ones
-            seconds = float(signals.time[-1] - signals.time[0])
-            for name in ("single_support", "double_support"):
-                rows = [len(rows) for rows in phases if rows[0] == name]
-                step = seconds / (len(signals) - 1)
-                found[f"{name.replace('_', ' ')} [s]"] = step * float(np.mean(rows)) if rows else math.nan
-            way = np.ptp(signals.vector("plan_com", "xy")[[0, -1]], axis=0)
-            found["planned speed [m/s]"] = float(np.linalg.norm(way)) / seconds
-        return found
-
     def number(self, name: str, key: str = "value") -> float:
         """Value or tolerance of a metric in SI units; NaN if the walk has none."""
         summary = self.run.summary
@@ -347,7 +332,7 @@ class WalkComparison(Tabled):
         for name, values in more.items():
             if len(set(values)) > 1:
                 yield name, *values
-        timing = [side.timing for side in self.sides]
+        timing = [side.run.planned_timing for side in self.sides]
         for name in dict.fromkeys(name for found in timing for name in found):
             yield name, *(_shown(found.get(name, math.nan)) for found in timing)
         for key, row in self.parameters.items():
@@ -359,7 +344,12 @@ class WalkComparison(Tabled):
     def as_dict(self) -> dict[str, Any]:
         """Everything, as plain data; lists have one entry for each walk."""
         walks = [
-            {"label": side.label, "study": side.study, "robustness": side.robustness, "planned": side.timing}
+            {
+                "label": side.label,
+                "study": side.study,
+                "robustness": side.robustness,
+                "planned": side.run.planned_timing,
+            }
             | {key: side.run.summary[key] for key in ("outcome", "verdict", "profile", "steps_completed")}
             for side in self.sides
         ]
@@ -498,7 +488,7 @@ def compare_gaits(
             profile = own_profile(request.name, request.run).name
             options = {"folder": path, "request": request, "profile": profile}
             tasks.append(Task(path, keep_run, options))
-        there: Execution = {**execution, "out": place}
+        there: Execution = {**execution, "out": folder}  # without it nothing is kept
         for row in walk_many(tasks, **there):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}

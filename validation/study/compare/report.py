@@ -18,7 +18,7 @@ from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.paper import cite_run
-from validation.show.run_figures import middle, middle_name, shade_double_support
+from validation.show.run_figures import middle, middle_name, shade_double_support, strides
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
 from validation.store.json import write_json
@@ -104,23 +104,23 @@ def draw_walks(sides: Sequence[Side]) -> tuple[list[tuple[str, str]], list[Pictu
 
 
 def _draw(sides: Sequence[Side], name: str) -> Picture:
-    """One signal of all walks, over two steps of each."""
+    """One signal of all walks, over two steps of each, or over all of each if one has no two steps."""
     (chart,) = charts = new_charts(2.6)
     is_error = name in _ERRORS
     scale, unit = display_unit(SIGNALS[name].unit, 1.0)
-    first = sides[0].run.signals
-    for side, color in zip(sides, cycle(_COLORS), strict=False):
+    shortest = min((side.run.signals for side in sides), key=lambda signals: len(strides(signals)))
+    windows = [middle(side.run) if strides(shortest) else slice(0, len(side.run.signals)) for side in sides]
+    for side, rows, color in zip(sides, windows, cycle(_COLORS), strict=False):
         signals = side.run.signals
-        rows = middle(side.run)
         time = signals.time[rows] - signals.time[rows.start]
         measured, plan = scale * signals[f"measured_{name}"][rows], scale * signals[f"plan_{name}"][rows]
         chart.line(*decimate(time, measured - plan if is_error else measured), color, label=side.label)
         if not is_error:
             chart.line(*decimate(time, plan), color, dash=DASHED)
-    shade_double_support(chart, first, middle(sides[0].run), from_zero=True)
+    shade_double_support(chart, sides[0].run.signals, windows[0], from_zero=True)
     title = f"{'Error of ' if is_error else ''}{SIGNALS[name].label}"
     title = title[0].upper() + title[1:]
-    chart.name(f"{title}, {middle_name(first)}", f"[{unit}]", "time since they began [s]")
+    chart.name(f"{title}, {middle_name(shortest)}", f"[{unit}]", "time since they began [s]")
     chart.top = max(chart.top, chart.heading_height() + 4.0)
     caption = "Measured minus planned." if is_error else "Measured; dashed: the plan of each."
     return Picture(charts, f"{title} of all walks", f"{caption} Grey: double support of {sides[0].label}.")

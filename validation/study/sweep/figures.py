@@ -65,7 +65,8 @@ def draw_sweep(sweep: SweepTable) -> list[Picture]:
         colors = zip(names, cycle((*PARTS, INK)), strict=False)
         groups = {name: (drawn & (sweep.values(key) == name), color) for name, color in colors}
     used = np.minimum(100.0 * sweep.worst_used, _MOST_USED)
-    share = Axis("largest share of a tolerance [%]", used, limit=100.0)
+    more = f" (more at {_MOST_USED:g})" if (100.0 * sweep.worst_used > _MOST_USED).any() else ""
+    share = Axis(f"largest share of a tolerance{more} [%]", used, limit=100.0)
     first = [axis for axis in axes if not axis.ticks][:1] or axes[:1]
     pairs = [*((axis, share) for axis in axes), *((axis, y) for axis in first for y in _metrics(sweep))]
     pictures += [_scatter(x, y, groups) for x, y in pairs if np.isfinite(x.values + y.values).any()]
