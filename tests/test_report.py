@@ -130,6 +130,7 @@ def test_a_plan_that_is_not_known_again_leaves_times_and_measured_footprints(run
     for name in ("single support", "double support", "planned speed"):
         known, found = (float(facts[name].split()[0]) for facts in of_both)
         assert found == pytest.approx(known, abs=0.002), name
+    assert ("step length" in of_both[0], "step length" in of_both[1]) == (True, False)
     planned, measured = (RunFigures(saved, plan).top_view() for plan in (saved.plan(), other.plan()))
     assert "over measured footprints" in measured.label
     places = [

@@ -98,7 +98,8 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
             vx, vy, wz = (format_number(value, 3) for value in values)
             facts[f"{kind} velocity"] = f"({vx}, {vy}) m/s, {wz} rad/s"
     elif not saved.from_rest:  # lengths, times and speed vary otherwise
-        facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
+        if plan is not None:  # a user's planner may make other steps
+            facts |= {"step length": f"{gait.step_length:.4g} m", "step width": f"{gait.step_width:.4g} m"}
         for label, value in saved.planned_timing.items():
             name, _, unit = label.rstrip("]").partition(" [")
             facts[name] = f"{format_number(value, 3)} {unit}"

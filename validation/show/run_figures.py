@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ampm.geometry import Array, convex_hull
+from ampm.geometry import Array
 from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
@@ -20,7 +20,6 @@ from validation.show.walker import draw_walker
 from validation.store.saved import SavedRun
 from validation.store.signals import Signals
 from validation.table import short_unit
-from validation.trial.record import FEET
 
 _FEET = {"left": LEFT, "right": RIGHT}
 _STEPS, _MOTORS = 4, 16  # steps seen from above, and motors whose torque is drawn
@@ -230,10 +229,15 @@ class RunFigures:
         com = self.signals.vector(f"{kind}_com", "xy")[rows]
         low, high = com.min(axis=0) - 0.35, com.max(axis=0) + 0.35
         (chart,) = charts = new_charts(4.8 if is_whole else 2.6, width=2 * WIDTH)
-        prints, whose = self._footprints()
+        prints = self.saved.footprints()
+        whose = " over measured footprints" if prints else ""
+        if self.plan is not None:
+            sole, whose = self.plan.feet.sole, " over the footprints"
+            prints = [(step.foot, footprint(sole, step)) for step in self.plan.contacts.footsteps]
         for foot, outline in prints:
-            if (low - 0.15 < outline.mean(axis=0)).all() and (outline.mean(axis=0) < high + 0.15).all():
-                x, y = outline.T
+            place = outline[:, :2].mean(axis=0)
+            if (low - 0.15 < place).all() and (place < high + 0.15).all():
+                x, y = outline[:, :2].T
                 chart.area(x, y, SHADE)
                 chart.line(x, y, _FEET[foot], 0.9)
         paths = [("ZMP", *item) for item in _KINDS]
@@ -250,23 +254,6 @@ class RunFigures:
         if is_whole or len(bounds) - 1 <= _STEPS:
             caption = "The whole walk."
         return Picture(charts, f"ZMP and COM{whose}, seen from above", caption, wide=True)
-
-    def _footprints(self) -> tuple[list[tuple[str, Array]], str]:
-        """Foot and closed outline (N, 2) of planned soles, else of those in mid single support; in words."""
-        if self.plan is not None:
-            steps, sole = self.plan.contacts.footsteps, self.plan.feet.sole
-            return [(step.foot, footprint(sole, step)) for step in steps], " over the footprints"
-        if self.saved.is_log:
-            return [], ""
-        record, found = self.saved.record, []
-        for begin, end in pairwise([*self.signals.switches().tolist(), len(self.signals)]):
-            foot = str(self.signals["stance"][begin])
-            if foot in FEET:
-                step = self.saved.signal_steps[(begin + end) // 2]
-                points = record.point_position[np.searchsorted(record.state_rows[:-2], step)]
-                hull = convex_hull(points[record.point_foot == FEET.index(foot), :2])
-                found.append((foot, np.vstack([hull, hull[:1]])))
-        return found, " over measured footprints"
 
     def torque_use(self) -> Picture:
         """Largest and RMS torque of the busiest motors, as shares of their limits."""

@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from pydantic import TypeAdapter
 from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
 from ampm.files import check_regular
+from ampm.geometry import Array, convex_hull
 from ampm.parameters import RunParameters
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
@@ -31,7 +33,7 @@ from validation.store.signals import Signals, load_signals
 from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
 from validation.trial.files import RunFile
-from validation.trial.record import SimulationRecord
+from validation.trial.record import FEET, SimulationRecord
 
 DESCRIPTION = TypeAdapter(BodyDescription)
 """Writes and reads the description of a body."""
@@ -101,6 +103,19 @@ class SavedRun(Tabled):
             size = np.linalg.norm(record.external_force[:, k], axis=1)
             for a, b in np.flatnonzero(np.diff(size > 0.0, prepend=False, append=False)).reshape(-1, 2):
                 found.append((segment, float(record.time[a]), float(record.time[b]), float(size[a:b].max())))
+        return found
+
+    def footprints(self) -> list[tuple[str, Array]]:
+        """Foot and closed outline, shape (N, 3) [m], of the sole in the middle of each single support."""
+        record, found = self.record, []
+        for begin, end in pairwise([*self.signals.switches().tolist(), len(self.signals)]):
+            foot = str(self.signals["stance"][begin])
+            if foot in FEET and not self.is_log:
+                row = np.searchsorted(record.state_rows[:-2], self.signal_steps[(begin + end) // 2])
+                points = record.point_position[row, record.point_foot == FEET.index(foot)]
+                hull = convex_hull(points[:, :2])
+                outline = np.vstack([hull, hull[:1]])
+                found.append((foot, np.insert(outline, 2, points[:, 2].min(), axis=1)))
         return found
 
     @property

@@ -257,10 +257,11 @@ class _Log:
             prints = [_on_floor(footprint(plan.feet.sole, step), step.position[2] - 0.001) for step in steps]
             for outline in prints:
                 outline[:, 2] += outline[:, :2] @ slope
-            outlines = rr.LineStrips3D(prints, colors=[FAINT] * len(steps), radii=0.002)
-            self.static("world/plan/footprints", outlines)
+            self.static("world/plan/footprints", rr.LineStrips3D(prints, colors=[FAINT], radii=0.002))
             if "first_plan_zmp_x" not in signals:  # the polygon is that of the first plan
                 self.polygon(plan)
+        elif measured := [outline for _, outline in self.saved.footprints()]:
+            self.static("world/feet/footprints", rr.LineStrips3D(measured, colors=[FAINT], radii=0.002))
 
     def soles(self) -> Array:
         """Soles, their points and forces, and pushes; height of the floor under the feet, shape (N,) [m]."""
