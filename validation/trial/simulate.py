@@ -68,9 +68,7 @@ def simulate(
         InputError: control period and time step do not fit, or a user's class fails at once.
     """
     plan, run, replanner = planned.plan, planned.run, planned.replanner
-    steps = None
-    if replanner is not None:
-        steps = plan.contacts.steps if run.footsteps else run.gait.steps
+    steps = None if replanner is None or run.footsteps else run.gait.steps
     physics = Physics(planned.scene, run)
     factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
     known = planned.body.again()
