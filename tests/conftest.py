@@ -54,8 +54,8 @@ def run_in(shared_folder: Path) -> RunOf:
         footsteps: list[Any] | None = None,
     ) -> Path:
         from ampm.planner import routes
-        from validation.run.validate import validate
-        from validation.trial.plan import load_request
+        from validation.run.walk import walk_planned
+        from validation.trial.plan import load_request, plan_walk
 
         changed = [f"{key}={value}" for key, value in {**(settings or {}), "gait.steps": steps}.items()]
         sections = {"footsteps": routes.as_rows(footsteps)} if footsteps else {}
@@ -66,7 +66,8 @@ def run_in(shared_folder: Path) -> RunOf:
             fcntl.flock(lock, fcntl.LOCK_EX)  # two workers do not simulate the same run
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
-                validate(load_request(gait, changed, as_is=True, sections=sections), target, recording=False)
+                request = load_request(gait, changed, as_is=True, sections=sections)
+                walk_planned(plan_walk(request)).save(target, recording=False)
         return target
 
     return get

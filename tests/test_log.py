@@ -20,10 +20,10 @@ from validation.judge.log import whole_strides
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.measure.columns import UNITS
-from validation.run.validate import validate
+from validation.run.walk import walk_planned
 from validation.store.saved import load_saved_run
 from validation.store.tables import write_columns
-from validation.trial.plan import load_request
+from validation.trial.plan import load_request, plan_walk
 from validation.trial.users import read_columns
 
 PERSON = Path(__file__).parents[1] / "validation/measure/person_0p8ms.csv"
@@ -268,7 +268,7 @@ def kept(folder, **changed):
 def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, measured):
     request = load_request(gait, ["gait.steps=2", "simulation.time_step=0.002", *settings], as_is=True)
     folder = tmp_path / "run"
-    validate(request, folder, own_profile(gait, request.run), recording=False)
+    walk_planned(plan_walk(request), own_profile(gait, request.run)).save(folder, recording=False)
     before, again = kept(folder)
     assert before["profile"] == profile
     assert before["metrics"][measured]["value"] is not None

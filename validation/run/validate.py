@@ -58,7 +58,6 @@ def validate(
     profile: Profile = DEFAULT,
     *,
     force: bool = False,
-    recording: bool = True,
     uncertainty: Uncertainty | None = None,
     disturbances: Sequence[Disturbance] = (),
     progress: Progress | None = None,
@@ -98,7 +97,7 @@ def validate(
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False
-        if recording and not interruption.pending:
+        if not interruption.pending:
             try:  # a failure here must not lose the run's folder
                 draw_run(folder, request.name, progress)
                 summary = read_summary(folder)  # with the digest of the recording

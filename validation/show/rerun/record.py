@@ -77,8 +77,8 @@ def write_recording(run: str | Path | SavedRun) -> Path:
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
     path, curves = saved.directory / RunFile.RECORDING, _curves(saved)
-    with _open_stream("ampm", _key(saved), path, views.run_blueprint(_ranges([curves]))) as stream:
-        stream.send_recording_name(saved.title)
+    blueprint = views.run_blueprint(_ranges([curves]))
+    with _open_stream("ampm", {saved.title: saved}, path, blueprint) as stream:
         _Log(stream, saved).everything(curves)
     keep_digest_of_recording(saved.directory)
     return path
@@ -96,16 +96,9 @@ def write_several(runs: Mapping[str, SavedRun], path: Path) -> None:
     curves = [_curves(saved) for saved in runs.values()]
     names = {f"/{letter}": name for letter, name in zip(ascii_lowercase, runs, strict=False)}
     blueprint = views.several_blueprint(names, _ranges(curves))
-    key = "-".join(map(_key, runs.values()))
-    with _open_stream("ampm-beside", key, path, blueprint) as stream:
-        stream.send_recording_name(", ".join(runs))
+    with _open_stream("ampm-beside", runs, path, blueprint) as stream:
         for (at, name), drawn, color in zip(names.items(), curves, views.RUN_COLORS, strict=False):
             _Log(stream, runs[name], at, name, color).everything(drawn)
-
-
-def _key(saved: SavedRun) -> str:
-    """Identity of a run's recording: equal for equal runs, so that a viewer tells others apart."""
-    return str(saved.summary["files"][RunFile.SIGNALS])[:16]
 
 
 def _ranges(runs: Sequence[Curves]) -> views.Ranges:
@@ -118,15 +111,19 @@ def _ranges(runs: Sequence[Curves]) -> views.Ranges:
 
 
 @contextmanager
-def _open_stream(name: str, key: str, path: Path, blueprint: rrb.Blueprint) -> Iterator[rr.RecordingStream]:
-    """A stream into a file, with a fixed key: equal runs give equal files (``rerun rrd compare``)."""
+def _open_stream(
+    kind: str, runs: Mapping[str, SavedRun], path: Path, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """A stream into a file, with the runs' names and a key of their signals: equal runs give equal files."""
+    key = "-".join(saved.summary["files"][RunFile.SIGNALS][:16] for saved in runs.values())
     # The SDK logs every file that it saves.
     logging.getLogger("rerun").setLevel(logging.ERROR)
     # Chunks end where they are full or the file does, never by the clock.
     whole = rr.ChunkBatcherConfig.NEVER()
-    stream = rr.RecordingStream(name, recording_id=key, send_properties=False, batcher_config=whole)
+    stream = rr.RecordingStream(kind, recording_id=key, send_properties=False, batcher_config=whole)
     # In memory first: where the disk is full, the SDK's own file never ends its flush.
     memory = stream.memory_recording()
+    stream.send_recording_name(", ".join(runs))
     stream.send_blueprint(blueprint)  # active: the browser would show its own layout
     yield stream
     stream.flush()
