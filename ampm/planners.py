@@ -37,7 +37,7 @@ class PeriodicPlanner:
         name: makes COM and feet, see :data:`ampm.planner.step_planners.STEP_PLANNERS`.
     """
 
-    tunes = checked = True
+    tunes = True
     plans_footsteps = False
 
     def __init__(self, name: str = "ampm") -> None:
@@ -237,7 +237,6 @@ class StandingPlanner:
     """
 
     plans_footsteps = False
-    checked = True
     gait_keys = ()
     name = NO_PLAN
 
@@ -293,7 +292,6 @@ SPREAD_ARMS = 0.25
 class FootstepPlanner:
     """The walk over the footsteps of a run, see :mod:`ampm.planner.footsteps`, with a constant posture."""
 
-    checked = True
     name = "footsteps"
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:

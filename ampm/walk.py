@@ -146,7 +146,6 @@ class Planner(Protocol):
     Attributes:
         tunes: True if values that the run leaves open are found before ``plan`` is called; else the run
             comes as it is.
-        checked: True if no plan that it makes needs to be checked.
         plans_footsteps: False if a run with footsteps is to be refused.
         gait_keys: keys that it uses of the section ``gait``, if not all; without ``gait.steps`` among them it
             may plan any number of steps.

@@ -11,7 +11,7 @@ import pytest
 import ampm
 import validation as val
 from ampm.exceptions import InputError
-from ampm.planners import PeriodicPlanner
+from ampm.planners import PeriodicPlanner, StandingPlanner
 from ampm.walk import ControlOutput
 from validation.cli.app import call
 
@@ -60,6 +60,15 @@ class Broken:
 
     def apply(self, time, plant):
         raise KeyError("gusts")
+
+
+class Standing:
+    """A planner that says that its plans need no checks, and calls itself as ours does."""
+
+    checked, tunes, name = True, True, "ampm"
+
+    def plan(self, run, robot):
+        return StandingPlanner().plan(run, robot)
 
 
 class Slack:

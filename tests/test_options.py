@@ -7,10 +7,12 @@ import numpy as np
 import validation as val
 from ampm.planners import PeriodicPlanner
 from ampm.run_file import dump_run, load_run
+from ampm.section import parse_setting
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK
 from tests.sweep_table import parse_sweep
 from tests.test_study_kills import forget
+from validation.cli.options import with_short
 from validation.store.environment import parameter_values
 from validation.study.many import Task
 from validation.study.one_walk import own_classes
@@ -18,6 +20,7 @@ from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.trial.plan import load_request, plan_walk
+from validation.trial.users import CONTROLLER, PLANNER
 
 SOFT = f"{__name__}:Soft"
 SLOW = f"{__name__}:Slow"
@@ -147,3 +150,15 @@ def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch
     assert digest() == before
     (tmp_path / "own_gains.py").write_text("GAIN = 2.00\n")
     assert digest() != before
+
+
+def test_an_object_has_the_name_of_its_class_if_that_makes_an_equal_one():
+    assert PLANNER.name_of(Slow(0.1)) == f"{__name__}:<object of Slow>"
+    assert PLANNER.name_of(PeriodicPlanner("dcm")).endswith("<object of PeriodicPlanner>")
+    assert PLANNER.name_of(PeriodicPlanner()) == "ampm.planners:PeriodicPlanner"
+    assert (PLANNER.name_of(Slow), CONTROLLER.name_of(Soft)) == (SLOW, SOFT)
+
+
+def test_any_path_is_the_value_of_an_option():
+    for path in ("it's.csv", 'a "b".csv', "größe 😀.csv", "a\\b.csv"):
+        assert parse_setting(*with_short(None, planner=path)) == ("gait.planner", path)

@@ -273,7 +273,7 @@ def plan_walk(
     asked = run = request.run
     progress = progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import FootstepPlanner
+    from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner
     from ampm.walk import WalkPlan
 
     is_object = planner is not None
@@ -291,7 +291,9 @@ def plan_walk(
         if idle and run.value(key) == value:
             progress.say(f"{request.name}: {key} = {value} does not use: {', '.join(idle)}")
     says = vars(type(planner))  # see ampm.walk.Planner
-    tunes, checked = says.get("tunes", False), says.get("checked", False)
+    # Ours need no checks of their plans. A class that only says so would not be held to the run.
+    checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
+    tunes = says.get("tunes", False)
     name = str(getattr(planner, "name", type(planner).__name__))
     if not checked and name in users.PLANNER.known:  # of a user's class that has another use for it
         name = type(planner).__name__
@@ -300,7 +302,8 @@ def plan_walk(
         run = run.replace({"gait.planner": of_class})
         request = replace(request, run=run)
     commanded = any(key.startswith("command.") for key in request.changed)
-    if (commanded or run.command != CommandParameters()) and name != NO_PLAN and checked:
+    follows = name == NO_PLAN or not (checked or "gait_keys" in says)
+    if (commanded or run.command != CommandParameters()) and not follows:
         raise InputError(
             f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
             way_out="walk with --planner none",
@@ -310,8 +313,11 @@ def plan_walk(
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not says.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
+    if run.footsteps and "gait.steps" in run.given:
+        progress.say(f"{request.name}: walks its footsteps, not gait.steps")
     if "gait_keys" in says:
-        unused = {*request.changed, *({"gait.steps"} & run.given)} - {*says["gait_keys"]}
+        noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
+        unused = {*request.changed, *noted} - {*says["gait_keys"]}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the planner {name} does not use: {keys}")
     body = None

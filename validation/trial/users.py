@@ -3,6 +3,7 @@
 import inspect
 import io
 import math
+import pickle
 import re
 import sys
 import sysconfig
@@ -195,12 +196,25 @@ class Role:
             raise InputError(said, key=self.options, value=dict(given)) from error
 
     def name_of(self, factory: Any) -> str:
-        """Name of a class or function, as :meth:`find` takes it; with < if it cannot be imported again."""
+        """Name of a class, function or object, as :meth:`find` takes it; with < if it cannot be made anew."""
         kind = factory.func if isinstance(factory, partial) else factory
-        kind = kind if hasattr(kind, "__qualname__") else type(kind)
-        name = f"<partial {kind.__qualname__}>" if isinstance(factory, partial) else kind.__qualname__
+        is_object = not hasattr(kind, "__qualname__")
+        kind = type(kind) if is_object else kind
+        name = kind.__qualname__
+        if isinstance(factory, partial):
+            name = f"<partial {name}>"
+        elif is_object and not _is_as_made(factory):
+            name = f"<object of {name}>"
         text = f"{kind.__module__}:{name}"
         return next((name for name, place in self.known.items() if place == text), text)
+
+
+def _is_as_made(thing: Any) -> bool:
+    """Whether an object is as its class makes it without arguments."""
+    try:
+        return pickle.dumps(thing) == pickle.dumps(type(thing)())
+    except Exception:  # which code of a user may raise
+        return False
 
 
 CONTROLLER = Role(
