@@ -1,5 +1,6 @@
 """Files that a user names, read whole: regular files of limited size, texts in UTF-8, columns named once."""
 
+import json
 import os
 from collections import Counter
 from collections.abc import Iterable
@@ -74,3 +75,8 @@ def check_columns(names: Iterable[str], path: Path) -> None:
 def absolute(name: str) -> str:
     """The name of a file with its folder, so that it holds everywhere; a text without an ending unchanged."""
     return str(Path(name).resolve()) if Path(name).suffix and os.path.isfile(name) else name
+
+
+def quoted(text: str) -> str:
+    """A text as the value of a ``key=value`` setting, whatever its characters."""
+    return json.dumps(text, ensure_ascii=False)

@@ -140,6 +140,15 @@ def test_tables_and_json():
     assert found.extremes["lipm-best"] < 32 <= found.extremes["lipm-worst"]  # it fell in the second task
 
 
+def test_recordings_of_users_files_stand_in_the_folder_that_is_asked_for():
+    text = LEAGUE.replace('"lipm"', '"/a/plan.csv"').replace('"ipm"', '"/b/plan.csv"')
+    definition = parse_sweep(text)
+    row = {"outcome": "completed", "verdict": "pass", "outcome_time": 3.0, "ahead_0.1_zmp_x": 1e-3}
+    rows = [{**row, "key": key_of(definition, number)} for number in range(len(definition))]
+    found = rank(sweep_of(build_table(definition, rows)))
+    assert {"a_plan.csv-best", "b_plan.csv-worst"} <= found.extremes.keys()
+
+
 def test_recordings_of_another_ranking_are_kept(ampm, tmp_path):
     (tmp_path / ROWS).touch()
     answer = ampm("rank", write_sweep(tmp_path / "sweep", league(0).table), "--recordings", tmp_path)

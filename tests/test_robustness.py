@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ampm as planner
+from ampm.planner import routes
 from tests.solved import body_of, walk_of
 from validation.cli.app import Status
 from validation.store.json import write_json
@@ -133,6 +134,9 @@ def test_legs_that_meet_are_seen_and_a_hand_on_a_thigh_is_not():
     touching[model.joint("left_shoulder_roll").qposadr[0]] = -0.3
     assert every.recorded_gaps(touching).distance[0] < 0.0
     assert legs.recorded_gaps(touching).distance[0] > 0.0
+
+
+STRAIGHT = planner.load_run("normal", footsteps=routes.as_rows(routes.straight(2, 0.4, 0.2)))
 
 
 def test_directions_go_by_the_foot_after_the_push():

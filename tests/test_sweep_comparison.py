@@ -45,6 +45,11 @@ def test_equal_sweeps_have_no_difference_in_any_order():
     assert not found.changes.notes
 
 
+def test_equal_runs_of_a_sweep_are_matched_one_by_one():
+    alike = SweepTable(replaced(table(), "gait.c_y", [0.5] * 10), None, "A")
+    assert compare_sweeps(alike, alike).sentence == "No regression in 10 matched runs."
+
+
 @pytest.mark.parametrize("factor", [1.0 + 1e-10, 1.0 - 5e-7])
 def test_rounding_is_no_difference(factor):
     other = sweep("B", zmp_x_rmse=[1e-3 * factor], failed_qp=[0.1 * ABSOLUTE_FLOOR["1"]])

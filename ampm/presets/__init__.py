@@ -7,7 +7,7 @@ PRESETS: Mapping[str, str] = {
     "momentum": "the same with angular momentum about both horizontal axes (c_s 1.2, c_y 0.4)",
     "flat": "an easy gait: 0.3 m steps on flat feet",
     "roll-0.1": "the normal gait with c_y 0.1: large angular momentum about the forward axis (Fig. 11)",
-    "roll-0.4": "the same with c_y 0.4",
+    "roll-0.4": "the same with c_y 0.4, and feet let down 4 ms early",
     "roll-0.7": "the same with c_y 0.7",
     "roll-1.0": "the same with c_y 1: none",
     "pitch": "0.65 m steps with c_s 1.6: large angular momentum about the lateral axis (Fig. 12)",

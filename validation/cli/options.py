@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ampm.exceptions import InputError
-from ampm.files import absolute
+from ampm.files import absolute, quoted
 from ampm.presets import preset_names
 from validation.cli.console import Narrator, print_json, print_line
 from validation.table import print_tables
@@ -79,7 +79,7 @@ COLUMNS: Any = option(
     "NAME=COLUMN[UNIT]|FILE.toml",
 )
 METRICS: Any = option("--metric", "Your own metric, a val.Metric in a module. Repeatable.", "MODULE:NAME")
-PROFILE: Any = option("--profile", f"Tolerance profile: {PROFILES}; by default the preset's own.", "P")
+PROFILE: Any = option("--profile", f"Tolerance profile: {PROFILES}; by default the walk's own.", "P")
 JSON: Any = option("--json", "Print JSON, and nothing else, on stdout.")
 
 SHORT = {
@@ -97,7 +97,7 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
     found = list(settings or ())
     for name, value in options.items():
         if value is not None:
-            text = f"'{absolute(value)}'" if isinstance(value, str) else str(value)
+            text = quoted(absolute(value)) if isinstance(value, str) else str(value)
             found.append(f"{SHORT[name]}={text}")
     texts: dict[str, str] = {}
     for setting in found:

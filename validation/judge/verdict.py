@@ -191,7 +191,7 @@ def judge(
             )
         )
     if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
-        ended = "Nothing pushed the body: judge it by another profile."
+        ended = "Nothing pushed the body off a plan: judge it by another profile."
     if ended:
         return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]

@@ -49,6 +49,7 @@ NEEDED = (
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
 _SLOWEST = 0.05  # most time from row to row [s]
+_LONGEST = 3600.0  # longest gap between two rows: a clock that is set later jumps by years [s]
 _OVER = 0.5  # time over which the vertical force is averaged to find a fall [s]
 _CARRIED = 0.85  # least such mean, as a share of the usual one: less is a fall [1]
 _RATIO = 2.0  # most ratio of mean vertical force and weight: more is another unit or body [1]
@@ -185,7 +186,11 @@ def _step(time: Array, name: str) -> float:
             f"row {late[0] + 2} of {name}: time = {time[late[0] + 1]:.9g} must be later than in the row "
             "before; sort the rows, and leave out repeated ones."
         )
-    step = float(np.median(np.diff(time)))
+    steps = np.diff(time)
+    if steps.max() > _LONGEST:
+        row, jump = int(steps.argmax()) + 2, float(steps.max())
+        raise InputError(f"row {row} of {name}: time jumps by {jump:.4g} s; give one log without the jump.")
+    step = float(np.median(steps))
     if step > _SLOWEST * (1.0 + 1e-9):
         raise InputError(
             f"{name} has a row every {step:.4g} s, and needs one every {_SLOWEST:g} s; give time in seconds."
@@ -239,6 +244,8 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
                 )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))
+        elif f"{foot}_sensor_force" in signals:
+            raise InputError(f"{foot}_force hides {foot}_sensor_force; leave it out, or give {foot}_cop.")
     found = {"force": signals["left_force"] + signals["right_force"]}
     if len(torques) == len(FEET):
         found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)

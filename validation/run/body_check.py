@@ -10,6 +10,7 @@ import pinocchio as pin
 from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, RefusedGait
+from ampm.files import quoted
 from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
@@ -62,7 +63,7 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     found: Mapping[str, float | str] = {}
     refusal = ""
     try:
-        walk = tune_walk(load_request(None, [f"body.source='{source}'", *settings]), progress)
+        walk = tune_walk(load_request(None, [f"body.source={quoted(source)}", *settings]), progress)
         motion, nothing = walk.motion, np.zeros((len(walk.motion.q), robot.model.nv))
         planned, _ = step_torques(motion, motion.time, walk.plan, robot)
         most = (np.abs(planned) / robot.torque_limit).max(axis=0)

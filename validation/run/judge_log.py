@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ampm.exceptions import InputError
+from ampm.files import quoted
 from ampm.parameters import RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
@@ -140,7 +141,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
     if isinstance(plan, RunParameters):
         request = load_request(plan)
     elif Path(plan).suffix in SUFFIXES:
-        request = load_request(None, [*settings, f"gait.planner='{Path(plan).resolve()}'"])
+        request = load_request(None, [*settings, f"gait.planner={quoted(str(Path(plan).resolve()))}"])
     elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
         request = replace(load_request(str(Path(plan) / RunFile.RUN), settings), name=gait)

@@ -41,7 +41,9 @@ def write_evidence(
     saved = load_saved_run(folder)
     if saved.is_log:
         raise InputError(f"{folder} is a log; give a walk of its plan, with --study {folder}.")
-    found = _found(saved) | dict(_study(study, saved) for study in studies)
+    found = _found(saved)
+    for name, result in (_study(study, saved) for study in studies):
+        found[name] = f"{found[name]}; {result}" if name in found else result
     found["replay"] = f"replay: {replay(folder, progress=progress)}"
     factors = own_rows("study/factors.csv")
     for row in factors:

@@ -10,6 +10,7 @@ import inspect
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.util import resolve_name
@@ -82,8 +83,9 @@ def _sources(module: str) -> str:
             if isinstance(node, ast.Import):
                 names += [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
-                home = resolve_name("." * node.level + (node.module or ""), found.__package__)
-                names += [home, *(f"{home}.{alias.name}" for alias in node.names)]
+                with suppress(ImportError):  # a relative one, of a module without a package
+                    home = resolve_name("." * node.level + (node.module or ""), found.__package__)
+                    names += [home, *(f"{home}.{alias.name}" for alias in node.names)]
     return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""
 
 

@@ -6,6 +6,7 @@ rule.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -241,8 +242,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     for name in dict.fromkeys(names):
         mine = [row for row in table.worst if names[row] == name]
         done = [row for row in mine if table.measured[row]]
-        extremes |= {f"{name}-best": numbers[min(done, key=errors.__getitem__)]} if done else {}
-        extremes |= {f"{name}-worst": numbers[mine[0]]} if mine else {}
+        folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # a file of a user has its whole path as its name
+        extremes |= {f"{folder}-best": numbers[min(done, key=errors.__getitem__)]} if done else {}
+        extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
     return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))
 

@@ -4,7 +4,6 @@ A difference counts if it is larger than the doubt: the numerical uncertainty by
 without one, the share by which the presets' values change at half the time step.
 """
 
-import json
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 
 from ampm.brief import Brief
 from ampm.exceptions import InputError
-from ampm.files import absolute
+from ampm.files import absolute, quoted
 from validation.judge.compare import PARTS
 from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, display_unit, size_in_si
 from validation.judge.metrics import METRICS, added_metrics, cost_entry
@@ -470,7 +469,7 @@ def compare_gaits(
     alike, requests, labels = len(set(given["WALK"])) == 1, [], []
     for walk in range(count):
         text, *chosen = (values[walk % len(values)] for values in given.values())
-        own = [f"{key}={json.dumps(absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
+        own = [f"{key}={quoted(absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, execution.get("progress")).request)

@@ -4,7 +4,7 @@ Two runs of one revision on one machine have the same bits, so only a difference
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -110,7 +110,7 @@ def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.int
         varied.append("gait")
     rows_a = rows_b = np.array([], dtype=np.intp)
     if all(key in side for key in varied for side in (a, b)):
-        values_a, values_b = ([str(row) for row in side.table.select(varied).to_pylist()] for side in (a, b))
+        values_a, values_b = (_numbered(side.table.select(varied).to_pylist()) for side in (a, b))
         _, rows_a, rows_b = np.intersect1d(values_a, values_b, return_indices=True)
     if not len(rows_a):
         ranges = " and ".join(", ".join(sorted(side.metadata["varied"])) for side in (a, b))
@@ -120,6 +120,15 @@ def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.int
         )
     order = np.argsort(rows_a)
     return rows_a[order], rows_b[order]
+
+
+def _numbered(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Texts of rows, with a number, as a sweep of whole numbers may draw a row again."""
+    texts, seen = list(map(str, rows)), Counter[str]()
+    for place, text in enumerate(texts):
+        texts[place] = f"{text} {seen[text]}"
+        seen[text] += 1
+    return texts
 
 
 def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:

@@ -94,7 +94,8 @@ def push_instant(
     """
     singles = np.flatnonzero(contacts.kind_codes == 0)
     if step >= len(singles):
-        raise InputError(f"a push in step {step} needs a later one; walk {step + 1} steps at least.")
+        rule = f"walk {step + 1} steps at least, or study others with --only"
+        raise InputError(f"a push in step {step} needs a later step; {rule}.")
     index = int(singles[step - 1]) + (phase == "double")
     during = contacts.phases[index]
     time = float(during.start + (_SHARES[phase] + shift) * during.duration)

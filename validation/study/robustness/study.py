@@ -144,7 +144,10 @@ def robustness(
         says = execution.get("progress") or Progress()
         says.say(f"{request.name}: each disturbance takes its own number of steps, not gait.steps")
     short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
-    run = plan_walk(short, execution.get("progress")).run.as_is()
+    planned = plan_walk(short, execution.get("progress"))
+    if any(cell.is_push for cell in cells):
+        push_instant(planned.plan.contacts, "forward", "early", PUSH_STEP + 1)
+    run = planned.run.as_is()
     options = {"request": Request(request.name, run), "replicas": replicas}
     tasks = [Task(cell.name, walk_cell, {"cell": cell, **options}) for cell in cells]
     label = f"{request.name}: robustness"

@@ -70,7 +70,8 @@ def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
     """Every run; before the first, when the engine has locked the folder, the definition is written there."""
     if folder is not None:
         (folder / SweepFile.RESULTS).unlink(missing_ok=True)
-        (folder / SweepFile.DEFINITION).write_text(dump_sweep(definition), encoding="utf-8")
+        with output_file(folder / SweepFile.DEFINITION) as file:
+            file.write_text(dump_sweep(definition), encoding="utf-8")
         (folder / ROWS).touch()  # a sweep that ends before its first row can be resumed
     for run in range(len(definition)):
         yield task_of(definition, run)
