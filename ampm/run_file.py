@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -57,7 +56,7 @@ def _read_source(source: str | Path) -> dict[str, Any]:
         InputError: there is neither; or what is there is no readable TOML.
     """
     if source in PRESETS:
-        return read_toml(resources.files("ampm").joinpath("presets", f"{source}.toml"))
+        return read_toml(Path(__file__).with_name("presets") / f"{source}.toml")
     try:
         table = read_toml(Path(source))
     except (FileNotFoundError, NotADirectoryError):

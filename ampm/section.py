@@ -8,7 +8,6 @@ import math
 import reprlib
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from importlib.resources.abc import Traversable
 from numbers import Integral
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -188,15 +187,14 @@ def _with_unit(value: Any, field: Any) -> str:
     return f"{value:g}{unit}" if is_number else reprlib.repr(value)
 
 
-def read_toml(path: Traversable) -> dict[str, Any]:
+def read_toml(path: Path) -> dict[str, Any]:
     """Table of a TOML file; a byte order mark is skipped.
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such file.
         InputError: it cannot be read, or is not valid TOML.
     """
-    text = read_text(path) if isinstance(path, Path) else path.read_text(encoding="utf-8")
-    return parse_toml(text, f"the file {str(path)!r}")
+    return parse_toml(read_text(path), f"the file {str(path)!r}")
 
 
 def parse_toml(text: str, what: str) -> dict[str, Any]:

@@ -56,13 +56,12 @@ def stored_columns(about: Mapping[str, Any]) -> dict[str, tuple[list[str], tuple
     return found
 
 
-def save_record(record: SimulationRecord, directory: str | Path) -> None:
+def save_record(record: SimulationRecord, directory: Path) -> None:
     """Write ``record`` into ``directory``, which is created.
 
     The files are those of :data:`RECORD_FILES`, and ``external.parquet`` if anything but the floor pushed the
     body.
     """
-    directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     constants = {name: getattr(record, name) for name in CONSTANTS}
     known = {"format": _FORMAT, "steps": record.steps, "substeps": record.substeps, **constants}
@@ -95,9 +94,8 @@ def write_table(table: pa.Table, path: Path) -> None:
     pq.write_table(table, path, compression="zstd", use_byte_stream_split=floats, use_dictionary=other)
 
 
-def load_record(directory: str | Path) -> SimulationRecord:
+def load_record(directory: Path) -> SimulationRecord:
     """Read what :func:`save_record` wrote; raises InputError if it is missing, damaged or another format."""
-    directory = Path(directory)
     header = read_header(directory)
     files = [*RECORD_FILES, *([RunFile.EXTERNAL] if header.get("external_segments") else [])]
     tables = {file: read_table(directory / file) for file in files}

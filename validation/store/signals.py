@@ -89,19 +89,18 @@ class Signals(Brief):
         return np.column_stack([self[f"{name}_{axis}"] for axis in axes])
 
 
-def save_signals(table: pa.Table, path: str | Path) -> None:
+def save_signals(table: pa.Table, path: Path) -> None:
     """Write the table, with unit, frame and meaning of every column."""
     fields = []
     for field in table.schema:
         kind = COLUMNS[field.name]
         known = {"unit": kind.unit, "frame": kind.frame, "meaning": kind.meaning}
         fields.append(field.with_metadata({key: text for key, text in known.items() if text}))
-    write_table(table.cast(pa.schema(fields)), Path(path))
+    write_table(table.cast(pa.schema(fields)), path)
 
 
-def load_signals(path: str | Path) -> Signals:
+def load_signals(path: Path) -> Signals:
     """Read the table; raises InputError if the file is missing or is not a table of signals."""
-    path = Path(path)
     table = read_table(path)
     arrays: dict[str, NDArray[Any]] = {}
     for field in table.schema:
