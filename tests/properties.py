@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from ampm.geometry import polygon_margin
 from ampm.planner.contacts import footprint
-from ampm.planner.feet import foot_rotation
+from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.footsteps import MARGIN
 
 
@@ -70,7 +70,10 @@ def assert_zmp_in_soles(plan, sole):
 
 
 def assert_feet_move(plan, h=1e-5):
-    """Rates of the feet are derivatives; nothing jumps at a key-frame, in the air no acceleration either."""
+    """Rates of the feet and of their turns are derivatives; nothing jumps at a key-frame.
+
+    In the air the acceleration does not either.
+    """
     for index, path in enumerate((plan.feet.left, plan.feet.right)):
         frames = path.start[path.start > 0.0]
         times = np.linspace(0.01, plan.duration - 0.01, 400)
@@ -90,19 +93,11 @@ def assert_feet_move(plan, h=1e-5):
             ):
                 one, other = (getattr(sample, value)[rows] for sample in (before, after))
                 np.testing.assert_allclose(one, other, atol=tolerance, err_msg=value)
-
-
-def assert_feet_turn(plan, turning, h=1e-5):
-    """Angular velocity and acceleration of ``turning(sample)`` are those of the rotation."""
-    for index, path in enumerate((plan.feet.left, plan.feet.right)):
-        times = np.linspace(0.01, plan.duration - 0.01, 397)
-        times = times[np.abs(times[:, None] - path.start).min(axis=1) > 3 * h]
-        low, here, high = (plan.feet.sample(times + shift)[index] for shift in (-h, 0.0, h))
         turned = [foot_rotation(foot.heading, foot.pitch, foot.roll) for foot in (low, high)]
         spin = [pin.log3(two @ one.T) / (2 * h) for one, two in zip(*turned, strict=True)]
-        np.testing.assert_allclose(spin, turning(here)[0], atol=1e-6)
-        change = (turning(high)[0] - turning(low)[0]) / (2 * h)
-        np.testing.assert_allclose(change, turning(here)[1], atol=1e-4)
+        np.testing.assert_allclose(spin, foot_turning(here)[0], atol=1e-6)
+        change = (foot_turning(high)[0] - foot_turning(low)[0]) / (2 * h)
+        np.testing.assert_allclose(change, foot_turning(here)[1], atol=1e-4)
 
 
 def assert_feet_stand(plan, ground=None, *, over=True):

@@ -96,13 +96,6 @@ class Late:
         return ControlOutput(self.torque)
 
 
-class Short(Broken):
-    """Its torque would be spread over all joints."""
-
-    def update(self, state, touch, reference):
-        return ControlOutput(np.zeros(1))
-
-
 @pytest.mark.parametrize("package", [ampm, val])
 def test_every_public_name_is_listed_and_there(package):
     assert set(package.__all__) <= set(dir(package))

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from ampm.exceptions import InputError
 from ampm.files import read_text
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
+from tests.test_cli import PROGRAM
 from tests.test_fuzz import LOG, PLAN
 from validation.measure.log import read_log
 from validation.trial.users import UsersCode, UsersError, read_columns
@@ -85,11 +85,8 @@ def test_changed_runs_are_not_viewed(ampm, run_of, tmp_path):
     assert "run.toml has changed since the run was judged" in answer.err
 
 
-ENTRY = [sys.executable, "-c", "from validation.cli.entry import main; main()"]
-
-
 def entry(arguments, **options):
-    return subprocess.run([*ENTRY, *arguments.split()], text=True, check=False, timeout=120, **options)
+    return subprocess.run([PROGRAM, *arguments.split()], text=True, check=False, timeout=120, **options)
 
 
 def test_a_full_disk_behind_standard_output():

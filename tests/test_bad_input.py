@@ -26,6 +26,7 @@ from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
 from validation.store.summary import SUMMARY, read_json
+from validation.study.row_file import RowFile
 from validation.study.sweep.design import check_classes
 from validation.trial.disturbances import Push
 from validation.trial.users import read_columns
@@ -97,6 +98,7 @@ USES = {
     "footsteps": of_file(routes.read_footsteps, "walk.csv"),
     "summary": of_file(lambda path: read_json(path, SUMMARY, "walk again"), "summary.json"),
     "study": of_file(val.load_uncertainty, "convergence.json"),
+    "rows": of_file(lambda path: RowFile(path.parent), "rows.jsonl"),
     "body": body,
     "urdf": urdf,
     "columns": columns,

@@ -34,14 +34,14 @@ def between_segments(a, b):
     return np.linalg.norm(columns @ best.x - (b[0] - a[0]))
 
 
-def bent(**angles):
-    """The closest parts of the default human, some of whose joints are bent."""
+def bent(only_legs=False, **angles):
+    """The closest parts of the default human, or of its legs, some of whose joints are bent."""
     run = load_run("normal")
     model = build_body(run).compile()
     q = model.qpos0.copy()
     for joint, angle in angles.items():
         q[model.joint(joint).qposadr[0]] = angle
-    return Shapes(model).recorded_gaps(q)
+    return Shapes(model, only_legs=only_legs).recorded_gaps(q)
 
 
 def test_the_distance_of_two_capsules_is_that_of_their_axes_less_the_radii():
@@ -90,6 +90,12 @@ def test_arms_legs_and_trunk_are_watched(angles, parts):
     assert gaps.parts == (parts,)
     assert gaps.distance[0] < 0.0
     assert bent(left_shoulder_roll=0.1, right_shoulder_roll=-0.1).distance[0] > CLEARANCE
+
+
+def test_of_the_legs_alone_a_hand_on_a_thigh_is_not_seen():
+    assert bent(only_legs=True).distance[0] > 0.0
+    assert bent(only_legs=True, left_hip_roll=-0.3, right_hip_roll=0.3).distance[0] < 0.0
+    assert bent(left_shoulder_roll=-0.3).distance[0] < 0.0 < bent(True, left_shoulder_roll=-0.3).distance[0]
 
 
 def test_a_walk_that_passes_through_itself_fails(tmp_path):

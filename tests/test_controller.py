@@ -12,7 +12,7 @@ from ampm.control.limited_qp import acceleration_bounds, limit_broken
 from ampm.control.workspace import Joints
 from ampm.walk import LIMITED, UNSOLVED, State, Timing, Touch
 from tests.solved import COARSE, planned_walk, walk_of
-from tests.test_tick import inverse_dynamics
+from tests.test_tick import frames, inverse_dynamics
 
 INSTANTS = (0.2, 0.62, 0.66, 0.9)
 """Single support, both feet in the double support, the other single support [s]."""
@@ -66,18 +66,12 @@ def test_forces_give_what_is_asked_for_within_the_friction(time):
     friction = walk_of(COARSE).run.controller.friction
     assert (np.linalg.norm(feet[:, :2], axis=1) <= friction * feet[:, 2] + 1e-6).all()
     assert (force[:, 2] >= -1e-9).all()
-    position = points(it, q)
+    position = frames(it.robot, q, it.robot.point_frames)[0]
     zmp = (position[:, :2] * force[:, 2:]).sum(axis=0) / force[:, 2].sum()
     moment = np.cross(position - com, force).sum(axis=0)
     assert zmp == pytest.approx(output.zmp, abs=1e-3)
     wanted = com[:2] - (com[2] * output.force[:2] + [moment[1], -moment[0]]) / output.force[2]
     np.testing.assert_allclose(output.zmp, wanted, atol=1e-3)
-
-
-def points(it, q):
-    data = it.robot.model.createData()
-    pin.framesForwardKinematics(it.robot.model, data, q)
-    return np.array([data.oMf[frame].translation for frame in it.robot.point_frames])
 
 
 def test_a_heel_that_sinks_leaves_its_ball_where_it_was():

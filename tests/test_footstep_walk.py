@@ -12,17 +12,15 @@ from ampm.planner import routes
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
 from tests.test_footsteps import BODY, WALKS, turned
-from tests.walk import stop_and_go
 from validation.store.saved import load_saved_run
 from validation.trial.plan import load_request, plan_walk
 
 RUN = ampm.load_run("normal")
-REST_START = 0.8
-"""Time in which a walk starts or settles [s]."""
-SINGLE = plan_gait(RUN.gait, 60.0).constants.single_support_duration
+CONSTANTS = plan_gait(RUN.gait, 60.0).constants
 
 
 def over(footsteps, run=RUN):
@@ -69,24 +67,33 @@ def test_equal_steps_have_the_feet_of_the_periodic_gait():
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0.0, atol=1e-9)
 
 
+def stop_and_go(pause=1.0):
+    """Four steps of 0.5 m, a stand, as many again; and when each is reached [s], None but after the stand."""
+    footsteps = routes.route([(0.5 * k, 0.0, 0.0) for k in (0, 1, 2, 3, 3, 4, 5, 6)], 0.2)
+    stopped = SETTLING + 4.0 * CONSTANTS.step_duration - CONSTANTS.double_support_duration
+    landings = [None] * len(footsteps)
+    landings[6] = stopped + 2.0 * SETTLING + pause + CONSTANTS.single_support_duration
+    return footsteps, landings
+
+
 def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
-    footsteps, landings = stop_and_go(4, 0.5, RUN, pause=0.7)
+    footsteps, landings = stop_and_go(0.7)
     landings[2] = 3.0  # it starts late, too
-    landings[6] = (landings[6] or 0.0) + 3.0 - REST_START - SINGLE
+    landings[6] += 3.0 - SETTLING - CONSTANTS.single_support_duration
     run = RUN.replace({}, footsteps=routes.as_rows(footsteps, landings))
     walk = plan_footstep_walk(run, BODY)
     landed = [phase.start for phase in walk.contacts.phases[2::2]]
     assert landed[0] == pytest.approx(3.0)
     assert landed[4] == pytest.approx(landings[6])
     assert max(walk.residuals().values()) < 1e-9
-    stand = walk.sample(np.linspace(landed[3] + REST_START, landed[3] + REST_START + 0.7, 20))
+    stand = walk.sample(landed[3] + SETTLING + np.linspace(0.0, 0.7, 20))
     np.testing.assert_allclose(stand.com_velocity, 0.0, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(stand.com[:, 0], 1.5, rtol=0.0, atol=1e-9)
 
 
 def after_a_stand(number, **change):
     """A plan of footsteps with a stand, one of them changed."""
-    rows = routes.as_rows(*stop_and_go(4, 0.5, RUN))
+    rows = routes.as_rows(*stop_and_go())
     rows[number] |= change
     return plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 

@@ -14,7 +14,7 @@ from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planner.footsteps import plan_footsteps
 from tests.properties import assert_walk
-from tests.walk import stones
+from tests.test_negative_controls import script
 from validation.trial.plan import make_body
 
 BODY = make_body(ampm.load_run("normal")).model.description
@@ -43,7 +43,7 @@ WALKS = {
     "arc": routes.arc(9, 0.4, -1.0, WIDTH),
     "turn": routes.turn(8, math.pi / 2, WIDTH),
     "sidestep": routes.sidestep(10, 0.2, WIDTH),
-    "stones": stones(20, 0.5, WIDTH, seed=3),
+    "stones": script("footsteps").stones(20, 0.5, WIDTH, seed=3),
 }
 
 

@@ -27,13 +27,6 @@ The tick calls the stabiliser that steps, which reads the workspace of the tick:
 """
 
 
-def loaded_by(statement: str) -> set[str]:
-    """Modules that a fresh interpreter holds after a statement."""
-    code = f"{statement}\nimport sys\nprint(*sys.modules)"
-    end = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    return set(end.stdout.split())
-
-
 @cache
 def imports(*packages: str) -> dict[str, set[str]]:
     """Modules and packages that each module of some packages imports, at any depth of its code."""
@@ -52,12 +45,6 @@ def imports(*packages: str) -> dict[str, set[str]]:
     return found
 
 
-def inside(package: str) -> dict[str, set[str]]:
-    """The same, only modules of the package itself."""
-    known = imports(package)
-    return {name: others & known.keys() for name, others in known.items()}
-
-
 def module_name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
@@ -66,16 +53,18 @@ def module_name(path: Path) -> str:
 def test_rooms_import_in_order_and_without_a_circle(package):
     order = {name: place for place, names in enumerate(ORDER[package]) for name in names.split("+")}
     order[""] = len(order)
-    room = {name: [*name.split("."), ""][1] for name in imports(package)}
+    known = imports(package)
+    inside = {name: others & known.keys() for name, others in known.items()}
+    room = {name: [*name.split("."), ""][1] for name in known}
     assert set(room.values()) <= order.keys(), "a room without a place in the order"
     wrong = [
         f"{name} imports {other}"
-        for name, others in inside(package).items()
+        for name, others in inside.items()
         for other in others
         if order[room[other]] > order[room[name]]
     ]
     assert wrong == []
-    TopologicalSorter(inside(package)).prepare()  # raises CycleError, which names the modules
+    TopologicalSorter(inside).prepare()  # raises CycleError, which names the modules
 
 
 PLAN = """
@@ -107,7 +96,9 @@ TRIAL = "validation.run.validate, validation.run.walk, validation.trial.plan, va
     ids="ampm,planner,command line,known motion,trial,measurement,public API,pytest plugin".split(","),
 )
 def test_what_is_not_needed_is_not_loaded(statement, forbidden):
-    assert not loaded_by(statement) & set(forbidden.split())
+    code = f"{statement}\nimport sys\nprint(*sys.modules)"
+    end = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert not set(end.stdout.split()) & set(forbidden.split())
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,13 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
-from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from validation.cli import console
 from validation.progress import Stage
 from validation.store.machine import hidden_main
 from validation.study.many import Task, walk_many
-from validation.study.row_file import ROWS, RowFile, read_rows
+from validation.study.row_file import RowFile, read_rows
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 
@@ -53,12 +51,6 @@ def test_rows_are_json_for_every_reader(tmp_path):
     assert list(walk_many([task], out=tmp_path, workers=0))
     (row,) = read_rows(tmp_path)
     assert (row["metric_height"], row["metric_width"]) == ("inf", None)
-
-
-def test_damaged_line_is_named(tmp_path):
-    (tmp_path / ROWS).write_text("no row\n")
-    with pytest.raises(InputError, match="line 1 of"):
-        list(walk_many(tasks(1), out=tmp_path, resume=True, workers=0))
 
 
 def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):

@@ -6,7 +6,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from ampm.body import orbit
-from ampm.body.orbit import solve_motion
 from ampm.body.step_reference import step_reference
 from ampm.exceptions import BodilyRefusal
 from tests.solved import COARSE, motion_of, walk_of
@@ -23,12 +22,6 @@ GAITS = {
 @pytest.fixture(params=GAITS)
 def settings(request):
     return GAITS[request.param]
-
-
-def solve(*settings, **options):
-    """Solve anew, whatever was solved before."""
-    run, plan, robot = walk_of(*settings)
-    return solve_motion(plan, run, robot, **options)
 
 
 def test_step_ends_where_its_mirror_image_begins(settings):
@@ -109,12 +102,12 @@ def test_multipliers_are_eigenvalues_of_the_return_map():
 
 def test_out_of_reach_names_the_instant_and_a_height_that_works():
     with pytest.raises(BodilyRefusal, match=r"(left|right)") as caught:
-        solve(COARSE, "gait.com_height=0.94")
+        motion_of(COARSE, "gait.com_height=0.94")
     refusal = caught.value
     assert (refusal.reason, refusal.value) == ("no_periodic_motion", 0.94)
     assert 0.8 < refusal.limit < 0.94
     assert "lower gait.com_height" in str(refusal)
-    lower = solve(COARSE, f"gait.com_height={refusal.limit}")
+    lower = motion_of(COARSE, f"gait.com_height={refusal.limit}")
     assert lower.report.residual <= 1e-8
 
 

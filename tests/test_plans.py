@@ -5,7 +5,6 @@ import pytest
 
 import ampm
 from ampm.planner.contacts import Footstep
-from ampm.planner.feet import foot_turning
 from ampm.planner.heights import Ground
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.step_planners import STEP_PLANNERS
@@ -88,5 +87,4 @@ FEET = {
 def test_feet_move_smoothly_and_stand_where_they_should(kind, name):
     plan, ground = feet_of(kind, name)
     properties.assert_feet_move(plan)
-    properties.assert_feet_turn(plan, foot_turning)
     properties.assert_feet_stand(plan, ground, over=kind != "schedule")

@@ -10,7 +10,7 @@ import pytest
 
 import ampm as planner
 from ampm.planner import routes
-from tests.solved import body_of, walk_of
+from tests.solved import walk_of
 from validation.cli.app import Status
 from validation.store.json import write_json
 from validation.study.robustness import study as robustness
@@ -18,7 +18,6 @@ from validation.study.robustness.cells import Cell, chosen, other_cells, push_ce
 from validation.study.robustness.result import CellResult, Robustness, needed
 from validation.study.robustness.study import climb, disturbance_of
 from validation.study.row_file import read_rows
-from validation.trial.shapes import Shapes
 
 FRICTION = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))
 FELL = "fell: the trunk leaned 60 degrees off the planned one at 3 s; the first sign was it"
@@ -117,23 +116,6 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     answer = ampm("robustness", "normal", "--set", *settings, *told, "--out", tmp_path, "--resume", "--json")
     assert (answer.status, answer.json) == (Status.PASS, found.as_dict())
     assert ampm("robustness", "normal", "--out", tmp_path).status == Status.REFUSED
-
-
-def test_legs_that_meet_are_seen_and_a_hand_on_a_thigh_is_not():
-    body = body_of()
-    model = body.compile()
-    every, legs = Shapes(model), Shapes(model, only_legs=True)
-    assert 0 < len(legs) < len(every)
-    q = np.array(model.qpos0)
-    assert legs.recorded_gaps(q).distance[0] > 0.0
-    crossed = q.copy()
-    for side, sign in (("left", -1.0), ("right", 1.0)):
-        crossed[model.joint(f"{side}_hip_roll").qposadr[0]] = 0.3 * sign
-    assert legs.recorded_gaps(crossed).distance[0] < 0.0
-    touching = q.copy()
-    touching[model.joint("left_shoulder_roll").qposadr[0]] = -0.3
-    assert every.recorded_gaps(touching).distance[0] < 0.0
-    assert legs.recorded_gaps(touching).distance[0] > 0.0
 
 
 STRAIGHT = planner.load_run("normal", footsteps=routes.as_rows(routes.straight(2, 0.4, 0.2)))

@@ -93,23 +93,11 @@ def test_ctrl_c_keeps_what_was_walked(tmp_path):
     assert call(["replay", str(out)]) == Status.PASS
 
 
-BEFORE_THE_WALK = """
-import os, signal
-import validation.run.validate as trial
-from validation.cli.entry import main
+def test_ctrl_c_before_the_walk_leaves_nothing(ampm, tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
 
-def at_the_plan(*args):
-    os.kill(os.getpid(), signal.SIGINT)
-
-trial.plan_walk = at_the_plan
-main()
-"""
-
-
-def test_ctrl_c_before_the_walk_leaves_nothing(tmp_path):
-    command = [sys.executable, "-c", BEFORE_THE_WALK, "validate", "normal", "--out", str(tmp_path / "run")]
-    answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert answer.returncode == Status.INTERRUPTED, answer.stderr
-    assert answer.stdout == ""
-    assert answer.stderr.endswith("ampm: interrupted\n")
+    monkeypatch.setattr("validation.run.validate.plan_walk", interrupt)
+    answer = ampm("validate", "normal", "--out", tmp_path / "run")
+    assert (answer.status, answer.out, answer.err) == (Status.INTERRUPTED, "", "ampm: interrupted\n")
     assert not list(tmp_path.iterdir())

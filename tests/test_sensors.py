@@ -18,6 +18,7 @@ from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
+from tests.test_tick import frames
 from validation.judge.compare import _from_standing_foot
 from validation.study.one_walk import own_classes
 from validation.trial.coordinates import to_pinocchio
@@ -61,24 +62,17 @@ class Wrong(Naive):
         return super().update(readings, commanded)[0], None
 
 
-class Short(Naive):
-    """Lacks velocities."""
-
-    def update(self, readings, commanded):
-        state, touch = super().update(readings, commanded)
-        return state._replace(v=state.v[:5]), touch
-
-
 class Odd(Naive):
     """Gives a touch or a state that no controller can use."""
 
-    def __init__(self, robot, run, start, factor=1.0, **touch):
+    def __init__(self, robot, run, start, factor=1.0, velocities=None, **touch):
         super().__init__(robot, run, start)
-        self.factor, self.touch = factor, touch
+        self.factor, self.velocities, self.touch = factor, velocities, touch
 
     def update(self, readings, commanded):
         state, touch = super().update(readings, commanded)
-        return state._replace(q=self.factor * state.q), touch._replace(**self.touch)
+        state = state._replace(q=self.factor * state.q, v=state.v[: self.velocities])
+        return state, touch._replace(**self.touch)
 
 
 class Mine(Kalman):
@@ -236,8 +230,7 @@ def test_sole_forces_give_the_wrench_again_and_push_only(toes):
     q = pin.neutral(robot.model)
     q[robot.toe_joints + 1] = toes
     terms = robot.jacobian(q)
-    pin.framesForwardKinematics(robot.model, robot.data, q)
-    points = np.array([robot.data.oMf[frame].translation for frame in robot.point_frames])
+    points = frames(robot, q, robot.point_frames)[0]
     random = np.random.default_rng(1)
     for _ in range(20):
         force = random.uniform(0.0, 200.0, len(points)) * (robot.point_group < 2)

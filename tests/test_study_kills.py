@@ -164,21 +164,16 @@ def number(value: int) -> dict[str, object]:
     return {"outcome": "completed", "text": "x" * 200, "number": value}
 
 
-@contextmanager
-def largest_file(size: int) -> Iterator[None]:
-    """No file of this process may be larger [B]: writes are cut short, then fail, as on a full disk."""
+def test_a_full_disk_keeps_every_whole_row(tmp_path):
+    """No file may be larger than 4000 bytes: writes are cut short, then fail."""
+    tasks = [Task(str(value), number, {"value": value}) for value in range(40)]
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
     try:
-        yield
+        with pytest.raises(StudyStopped, match=r"the disk is full .* free some space"):
+            list(walk_many(tasks, out=tmp_path, workers=0))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_a_full_disk_keeps_every_whole_row(tmp_path):
-    tasks = [Task(str(value), number, {"value": value}) for value in range(40)]
-    with largest_file(4000), pytest.raises(StudyStopped, match=r"the disk is full .* free some space"):
-        list(walk_many(tasks, out=tmp_path, workers=0))
     kept = [row["number"] for row in read_rows(tmp_path)]
     assert kept == list(range(len(kept)))
     assert 5 < len(kept) < 20

@@ -3,6 +3,7 @@
 import errno
 import json
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow as pa
@@ -165,13 +166,9 @@ def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monk
 
 
 def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
-    class Interrupted:
-        class record:
-            class outcome:
-                name = "interrupted"
-
+    interrupted = SimpleNamespace(record=SimpleNamespace(outcome=SimpleNamespace(name="interrupted")))
     monkeypatch.setattr(one_walk, "plan_walk", lambda *_, **__: None)
-    monkeypatch.setattr(one_walk, "walk_planned", lambda *_, **__: Interrupted)
+    monkeypatch.setattr(one_walk, "walk_planned", lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.walk_run(request=None)
 

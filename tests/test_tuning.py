@@ -276,17 +276,6 @@ def test_nothing_is_found_for_a_preset_or_a_complete_run(name):
     assert changed.replace({"body.lean": 0.1}).given == changed.given | {"body.lean"}
 
 
-def advised(way_out):
-    """The ways out of a message, each as settings and as keys to leave out."""
-    told, _, tried = way_out.partition(" (tried")
-    assert tried
-    for way in told.split(", or "):
-        yield (
-            [f"{key}={value}" for key, value in re.findall(r"(?:raise|lower) (\S+) to (\S+)", way)],
-            re.findall(r"leave (\S+) open", way),
-        )
-
-
 @pytest.mark.parametrize(
     ("settings", "limit", "way_out"),
     [
@@ -309,7 +298,11 @@ def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
     assert way_out in error.way_out
     assert error.way_out in str(error)
     assert error.limit == pytest.approx(limit, nan_ok=True)
-    for changes, opened in advised(error.way_out):
+    told, _, tried = error.way_out.partition(" (tried")
+    assert tried
+    for way in told.split(", or "):
+        changes = [f"{key}={value}" for key, value in re.findall(r"(?:raise|lower) (\S+) to (\S+)", way)]
+        opened = re.findall(r"leave (\S+) open", way)
         assert changes or opened
         kept = [setting for setting in settings if setting.partition("=")[0] not in opened]
         run, robot = body_of(*kept, *changes)

@@ -20,7 +20,7 @@ XML = """
   <default><geom contype="1" conaffinity="0" condim="3" friction="0.8" solref="0.015 1"/></default>
   <worldbody>
     <geom name="floor" type="plane" size="5 5 .1" contype="0" conaffinity="1"/>
-    <body name="block" pos="0 0 {height}">
+    <body name="block">
       <freejoint name="root"/>
       <inertial pos="0 0 .25" mass="10" diaginertia=".4 .5 .3"/>
       {points}
@@ -34,14 +34,6 @@ XML = """
   <sensor><subtreecom name="com" body="block"/><subtreeangmom name="momentum" body="block"/></sensor>
 </mujoco>
 """
-
-
-def mujoco_model(dt=0.002, height=0.0):
-    points = "\n".join(
-        f'<geom name="p{i}" type="sphere" size=".001" pos="{x} {y} .001"/>'
-        for i, (x, y) in enumerate(CORNERS)
-    )
-    return mujoco.MjModel.from_xml_string(XML.format(dt=dt, height=height, points=points))
 
 
 def pinocchio_model():
@@ -58,13 +50,15 @@ def pinocchio_model():
     return model
 
 
-def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0, spin=None):
+def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0):
     """Step the block and log it as the testbed logs a walk: forces of step k belong to the state at t_k."""
-    model = mujoco_model(dt, height - sink)
+    points = "\n".join(
+        f'<geom name="p{i}" type="sphere" size=".001" pos="{x} {y} .001"/>'
+        for i, (x, y) in enumerate(CORNERS)
+    )
+    model = mujoco.MjModel.from_xml_string(XML.format(dt=dt, points=points))
     data = mujoco.MjData(model)
     data.qpos[2] = height - sink
-    if spin is not None:
-        data.qvel[:] = spin
     log: dict[str, list] = defaultdict(list)
     geoms = [model.geom(f"p{i}").id for i in range(4)]
 

@@ -8,10 +8,6 @@ import numpy as np
 
 from ampm.body.robot import Gaps
 from ampm.description import SoleGeometry
-from ampm.planner import routes
-from ampm.planner.contacts import Footstep
-from ampm.planner.periodic import plan_gait
-from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
@@ -37,17 +33,6 @@ def planned_momentum(times):
     times = np.asarray(times)
     nothing, trunk = np.zeros((len(times), 0)), np.zeros((len(times), 3, 3))
     return PostureState(nothing, nothing, nothing, trunk, 0.5 * np.sin(3 * times))
-
-
-def stop_and_go(steps, length, run, pause=1.0):
-    """Equal steps ahead, a stand, as many again; and when each is reached [s], None but after the stand."""
-    constants = plan_gait(run.gait, run.body.mass).constants
-    places = [k * length for k in (*range(steps), *range(steps - 1, 2 * steps - 1))]
-    footsteps = routes.route([(x, 0.0, 0.0) for x in places], 0.2)
-    landings = [None] * len(footsteps)
-    stopped = SETTLING + steps * constants.step_duration - constants.double_support_duration
-    landings[steps + 2] = stopped + 2.0 * SETTLING + pause + constants.single_support_duration
-    return footsteps, landings
 
 
 def perfect_walk(steps=4, count=None):
@@ -150,15 +135,3 @@ def without_point(record: SimulationRecord, index: int | None = None) -> Simulat
     force = record.point_force.copy()
     force[:, index] = 0.0
     return replace(record, point_force=force)
-
-
-def stones(steps: int, length: float, width: float, seed: int) -> list[Footstep]:
-    """Steps ahead whose lengths and widths differ by up to a quarter and a third."""
-    generator = np.random.default_rng(seed)
-    footsteps = routes.straight(steps, length, width)
-    shares = generator.uniform(-1.0, 1.0, (len(footsteps), 2)) * (0.25, 0.3) + 1.0
-    x = np.cumsum(np.r_[0.0, 0.0, length * shares[2:-1, 0], 0.0])
-    return [
-        step._replace(position=(float(x[k]), float(step.position[1] * (shares[k, 1] if k > 1 else 1.0)), 0.0))
-        for k, step in enumerate(footsteps)
-    ]
