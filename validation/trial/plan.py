@@ -286,10 +286,6 @@ def plan_walk(
                 request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
                 request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
                 run = request.run
-    for key, (value, names) in _IDLE.items():
-        idle = [name for name in names if run.value(name) != key_info(name).default]
-        if idle and run.value(key) == value:
-            progress.say(f"{request.name}: {key} = {value} does not use: {', '.join(idle)}")
     says = vars(type(planner))  # see ampm.walk.Planner
     # Ours need no checks of their plans. A class that only says so would not be held to the run.
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
@@ -301,25 +297,7 @@ def plan_walk(
         of_class = name if name in users.PLANNER.known else users.PLANNER.name_of(planner)
         run = run.replace({"gait.planner": of_class})
         request = replace(request, run=run)
-    commanded = any(key.startswith("command.") for key in request.changed)
-    follows = name == NO_PLAN or not (checked or "gait_keys" in says)
-    if (commanded or run.command != CommandParameters()) and not follows:
-        raise InputError(
-            f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
-            way_out="walk with --planner none",
-        )
-    if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.at(math.inf)):
-        stands = f"the controller {run.controller.name} follows no command: it stands"
-        progress.say(f"{request.name}: {stands}; give one of your own with --controller")
-    if run.footsteps and not says.get("plans_footsteps", True):
-        raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
-    if run.footsteps and "gait.steps" in run.given:
-        progress.say(f"{request.name}: walks its footsteps, not gait.steps")
-    if "gait_keys" in says:
-        noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
-        unused = {*request.changed, *noted} - {*says["gait_keys"]}
-        if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
-            progress.say(f"{request.name}: the planner {name} does not use: {keys}")
+    _check_request(request, name, says, progress, is_ours=checked)
     body = None
     if tunes:
         name = "" if name == "ampm" else name
@@ -341,21 +319,55 @@ def plan_walk(
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
             _check_plan(plan, run, body.robot)
-            planned, wanted = plan.contacts.steps, run.gait.steps
-            if run.footsteps:
-                check_footsteps(plan, run.footsteps, FOOTSTEP_TOLERANCE)
-            elif planned < wanted and "gait.steps" in says.get("gait_keys", ("gait.steps",)):
-                raise ValueError(
-                    f"it plans {planned} of the {wanted} steps of gait.steps; plan run.gait.steps"
-                )
-            elif "gait_keys" not in says:
-                along = np.abs(np.diff([step.position[0] for step in plan.contacts.footsteps]))
-                length, given = float(np.median(along)), run.gait.step_length
-                if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
-                    steps = f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
-                    progress.say(f"{request.name}: the planner {name} plans {steps}")
+            if problem := _check_steps(plan, run, says):
+                progress.say(f"{request.name}: the planner {name} plans {problem}")
     goes_on: Any = planner if users.replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
+
+
+def _check_request(
+    request: Request, name: str, says: Mapping[str, Any], progress: Progress, *, is_ours: bool
+) -> None:
+    """Refuse what a planner does not do, by what its class says, and tell which keys have no effect."""
+    run = request.run
+    for key, (value, names) in _IDLE.items():
+        idle = [name for name in names if run.value(name) != key_info(name).default]
+        if idle and run.value(key) == value:
+            progress.say(f"{request.name}: {key} = {value} does not use: {', '.join(idle)}")
+    commanded = any(key.startswith("command.") for key in request.changed)
+    follows = name == NO_PLAN or not (is_ours or "gait_keys" in says)
+    if (commanded or run.command != CommandParameters()) and not follows:
+        raise InputError(
+            f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
+            way_out="walk with --planner none",
+        )
+    if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.at(math.inf)):
+        stands = f"the controller {run.controller.name} follows no command: it stands"
+        progress.say(f"{request.name}: {stands}; give one of your own with --controller")
+    if run.footsteps and not says.get("plans_footsteps", True):
+        raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
+    if run.footsteps and "gait.steps" in run.given:
+        progress.say(f"{request.name}: walks its footsteps, not gait.steps")
+    if "gait_keys" in says:
+        noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
+        unused = {*request.changed, *noted} - {*says["gait_keys"]}
+        if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
+            progress.say(f"{request.name}: the planner {name} does not use: {keys}")
+
+
+def _check_steps(plan: WalkPlan, run: RunParameters, says: Mapping[str, Any]) -> str:
+    """Refuse a plan of other footsteps, or fewer steps, than its run's; words for steps of other length."""
+    planned, wanted = plan.contacts.steps, run.gait.steps
+    if run.footsteps:
+        check_footsteps(plan, run.footsteps, FOOTSTEP_TOLERANCE)
+    elif planned < wanted and "gait.steps" in says.get("gait_keys", ("gait.steps",)):
+        raise ValueError(f"it plans {planned} of the {wanted} steps of gait.steps; plan run.gait.steps")
+    elif "gait_keys" not in says:
+        along = np.abs(np.diff([step.position[0] for step in plan.contacts.footsteps]))
+        length, given = float(np.median(along)), run.gait.step_length
+        if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
+            return f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
+    return ""
 
 
 def check_footsteps(plan: WalkPlan, footsteps: Sequence[FootstepParameters], within: float) -> None:
