@@ -44,6 +44,7 @@ def league(seed, change=lambda task, planner, row: row):
             "verdict": "pass",
             "outcome_time": 3.0,
             "energy_cost_of_transport": 0.4,
+            "energy_distance": 2.0 if planner == "dcm" else 2.4,
         }
         row |= {f"ahead_0.1_zmp_{axis}": error / np.sqrt(2.0) for axis in "xy"}
         if (task, planner) == ("flat", "lipm"):
@@ -135,6 +136,9 @@ def test_tables_and_json():
     cell = found.as_dict()["cells"][0]
     assert (cell["task"], cell["name"], cell["rank"], cell["survived"]) == ("normal", "ampm", 1, 8)
     assert cell["error"] == pytest.approx(1.05e-3, rel=0.1)
+    notes = {(cell.task, cell.name): cell.notes for cell in found.cells if cell.name != "lipm"}
+    slower = ("17% slower than the task's median",)
+    assert notes == {place: slower if place[1] == "dcm" else () for place in notes}
     assert "of 12 differences" in found.sentence
     assert found.extremes.keys() == {f"{name}-{end}" for name in ERRORS for end in ("best", "worst")}
     assert found.extremes["lipm-best"] < 32 <= found.extremes["lipm-worst"]  # it fell in the second task

@@ -82,8 +82,8 @@ def rank(
 ) -> int:
     """Rank the planners of a sweep.
 
-    Every gait of the sweep is a task; runs that differ in other keys are replicas. Planners share a rank
-    unless survival or error differ by more than the doubt, which comes from replicas, numerics and contact.
+    Every gait of the sweep is a task; runs that differ in other keys are replicas. A rank counts
+    the planners whose survival or error is better by more than the doubt of replicas, numerics and contact.
     """
     from validation.study.rank import rank as ranked
 

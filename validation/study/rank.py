@@ -28,6 +28,8 @@ SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
 EFFORT = "energy_cost_of_transport"
 """Metric of the effort."""
+SAME_PACE = 0.05
+"""Share by which a planner's speed may differ from the median of its task without a note [1]."""
 SHARE = 0.1
 """Numerical uncertainty, of the smaller error [1].
 
@@ -47,7 +49,8 @@ class TaskResult:
     survived: int  # walks that completed
     error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
     effort: float  # median of their mechanical cost of transport [1]
-    notes: tuple[str, ...]  # how runs ended otherwise, with the sentence of the first; how many were equal
+    # how runs ended otherwise, with the sentence of the first; how many were equal; another speed
+    notes: tuple[str, ...]
     # by the other varied values of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
 
@@ -210,8 +213,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
     ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
-    names = short_names(table.words(key))
-    for row, place in enumerate(zip(short_names(table.words("gait")), names, strict=True)):
+    pace = np.where(table.measured, table.numbers("energy_distance") / ends_at, np.nan)
+    names, tasks = short_names(table.words(key)), short_names(table.words("gait"))
+    for row, place in enumerate(zip(tasks, names, strict=True)):
         groups.setdefault(place, []).append(row)
     cells, causes, extremes = [], table.words("cause"), dict[str, int]()
     for place, found in groups.items():
@@ -227,6 +231,10 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
         if equal := len(tried) - len(walked):
             notes.append(f"{equal} equal another one to the bit: they count once")
+        usual = pace[np.array(tasks) == place[0]]
+        faster = _median(pace[done]) / _median(usual[np.isfinite(usual)]) - 1.0
+        if abs(faster) > SAME_PACE:
+            notes.append(f"{abs(faster):.0%} {'faster' if faster > 0.0 else 'slower'} than the task's median")
         cells.append(
             TaskResult(
                 *place,
