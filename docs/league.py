@@ -46,7 +46,7 @@ COLUMNS = (
     "walks",
     "survival, 95 % [%]",
     "cost of transport",
-    "how others ended",
+    "notes",
 )
 
 Row = Mapping[str, str]
