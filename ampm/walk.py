@@ -147,8 +147,7 @@ class Planner(Protocol):
         tunes: True if values that the run leaves open are found before ``plan`` is called; else the run
             comes as it is.
         plans_footsteps: False if a run with footsteps is to be refused.
-        gait_keys: keys that it uses of the section ``gait``, if not all; without ``gait.steps`` among them it
-            may plan any number of steps.
+        gait_keys: keys that it uses of the section ``gait``, if not all.
     """
 
     def plan(self, run: RunParameters, robot: Any) -> WalkPlan:

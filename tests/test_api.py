@@ -71,6 +71,41 @@ class Standing:
         return StandingPlanner().plan(run, robot)
 
 
+class Changing:
+    """A planner that makes its walk one without a plan, once it walks."""
+
+    def plan(self, run, robot):
+        self.made = PeriodicPlanner().plan(run, robot)
+        return self.made
+
+    def replan(self, time, state, touch, plan):
+        object.__setattr__(self.made, "command", ampm.load_run("normal").command)
+
+
+class Claiming:
+    """A planner whose contacts say themselves how many steps they have."""
+
+    def plan(self, run, robot):
+        plan = PeriodicPlanner().plan(run.replace({"gait.steps": 1}), robot)
+        contacts = plan.contacts
+        return replace(plan, contacts=Many(contacts.footsteps, contacts.switches, contacts.slope))
+
+
+class Many(ampm.Contacts):
+    @property
+    def steps(self):
+        return 99
+
+
+class Counting:
+    """A planner of one step, whatever is asked."""
+
+    gait_keys = ()
+
+    def plan(self, run, robot):
+        return PeriodicPlanner().plan(run.replace({"gait.steps": 1}), robot)
+
+
 class Slack:
     """A planner whose posture gives what is not a state of the body."""
 

@@ -91,6 +91,16 @@ def test_the_record_keeps_the_reference_that_a_controller_followed():
     run = ampm.load_run("normal", **QUICK)
     record, plain = (val.walk(run, controller=it).record for it in (Elsewhere, None))
     np.testing.assert_array_equal(record.command_com, plain.command_com + 0.01)
+
+    class Limp(Elsewhere):
+        def update(self, state, touch, reference):
+            output = super().update(state, touch, reference)
+            fallen = reference.replace(
+                com=np.array(state.q[:3]), foot_position=np.array([state.q[:3]] * 2) - 0.8
+            )
+            return output._replace(torque=0.0 * output.torque, rate=None, reference=fallen)
+
+    assert val.walk(run, controller=Limp).record.outcome.name == "fell"
     np.testing.assert_array_equal(record.q, plain.q)
 
 

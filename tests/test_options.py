@@ -156,6 +156,9 @@ def test_an_object_has_the_name_of_its_class_if_that_makes_an_equal_one():
     assert PLANNER.name_of(Slow(0.1)) == f"{__name__}:<object of Slow>"
     assert PLANNER.name_of(PeriodicPlanner("dcm")).endswith("<object of PeriodicPlanner>")
     assert PLANNER.name_of(PeriodicPlanner()) == "ampm.planners:PeriodicPlanner"
+    named = type("preview", (PeriodicPlanner,), {"__module__": __name__})
+    run = plan_walk(load_request("normal", ["gait.steps=1"]), planner=named()).run
+    assert run.gait.planner == f"{__name__}:<object of preview>"
     assert (PLANNER.name_of(Slow), CONTROLLER.name_of(Soft)) == (SLOW, SOFT)
 
 

@@ -227,7 +227,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
         walked = np.array(sorted(different.values()), dtype=int)
         done = walked[table.measured[walked]]
-        ends = [(state, rows[table.is_state(state)[rows]]) for state in (RunState.REFUSED, *BROKEN)]
+        states = RunState.NOT_MEASURED, RunState.REFUSED, *BROKEN
+        ends = [(state, rows[table.is_state(state)[rows]]) for state in states]
         notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
         if equal := len(tried) - len(walked):
             notes.append(f"{equal} equal another one to the bit: they count once")

@@ -69,14 +69,15 @@ class RunLog:
         steps: K.
         record: the arrays; rows beyond the steps done have no meaning.
         row: what the controller follows at a tick, see :func:`ampm.reference.reference_type`, shape (1,).
+        stands_by: the same, by which the body has fallen or not: of a user's controller the plan.
         command: of the last tick.
-        stance: of body and command.
+        stance: of body and ``stands_by``.
         handle: reference to the :class:`StepLog`, for compiled functions.
     """
 
     def __init__(self, steps: int, physics: Physics) -> None:
         self.physics, self.substeps, robot = physics, physics.substeps, physics.robot
-        self.row = np.zeros(1, reference_type(robot.nq, robot.nv))
+        self.row, self.stands_by = np.zeros((2, 1), reference_type(robot.nq, robot.nv))
         self.command = Command(
             torque=np.zeros(robot.nu),
             rate=np.zeros(robot.nu),
@@ -89,9 +90,9 @@ class RunLog:
             com=physics.body.com,
             trunk=physics.body.trunk,
             soles=physics.soles,
-            planned_com=self.command.com,
-            planned_trunk=self.row["trunk"][0, :, 2],
-            planned_soles=self.row["foot_position"][0],
+            planned_com=self.stands_by["com"][0],
+            planned_trunk=self.stands_by["trunk"][0, :, 2],
+            planned_soles=self.stands_by["foot_position"][0],
         )
         self.external: dict[str, Array] = {}  # pushes of every segment that was pushed, shape (K, 9)
         points = len(physics.point_sites)

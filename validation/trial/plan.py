@@ -107,7 +107,7 @@ class Body(Brief):
 
     def again(self) -> Robot:
         """A robot of its own for a user's class, whose changes reach no other part of the walk."""
-        return Body.of(self.model, self.shapes).robot
+        return Body.of(self.model).robot
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ def plan_walk(
     asked = run = request.run
     progress = progress or Progress()
     # Imported here: Pinocchio is slow to load.
-    from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner
+    from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner, TablePlanner
     from ampm.walk import WalkPlan
 
     is_object = planner is not None
@@ -294,7 +294,7 @@ def plan_walk(
     if not checked and name in users.PLANNER.known:  # of a user's class that has another use for it
         name = type(planner).__name__
     if is_object:
-        of_class = name if name in users.PLANNER.known else users.PLANNER.name_of(planner)
+        of_class = name if checked and name in users.PLANNER.known else users.PLANNER.name_of(planner)
         run = run.replace({"gait.planner": of_class})
         request = replace(request, run=run)
     _check_request(request, name, says, progress, is_ours=checked)
@@ -319,7 +319,7 @@ def plan_walk(
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
             _check_plan(plan, run, body.robot)
-            if problem := _check_steps(plan, run, says):
+            if problem := _check_steps(plan, run, type(planner) is TablePlanner):
                 progress.say(f"{request.name}: the planner {name} plans {problem}")
     goes_on: Any = planner if users.replan_period(planner) < math.inf else None
     return PlannedWalk(request, plan, body, name, replanner=goes_on)
@@ -355,14 +355,16 @@ def _check_request(
             progress.say(f"{request.name}: the planner {name} does not use: {keys}")
 
 
-def _check_steps(plan: WalkPlan, run: RunParameters, says: Mapping[str, Any]) -> str:
+def _check_steps(plan: WalkPlan, run: RunParameters, is_table: bool) -> str:
     """Refuse a plan of other footsteps, or fewer steps, than its run's; words for steps of other length."""
     planned, wanted = plan.contacts.steps, run.gait.steps
     if run.footsteps:
         check_footsteps(plan, run.footsteps, FOOTSTEP_TOLERANCE)
-    elif planned < wanted and "gait.steps" in says.get("gait_keys", ("gait.steps",)):
+    elif is_table:
+        return ""
+    elif planned < wanted:
         raise ValueError(f"it plans {planned} of the {wanted} steps of gait.steps; plan run.gait.steps")
-    elif "gait_keys" not in says:
+    else:
         along = np.abs(np.diff([step.position[0] for step in plan.contacts.footsteps]))
         length, given = float(np.median(along)), run.gait.step_length
         if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
@@ -382,13 +384,28 @@ def check_footsteps(plan: WalkPlan, footsteps: Sequence[FootstepParameters], wit
             )
 
 
+def judged_facts(plan: WalkPlan) -> tuple[Any, ...]:
+    """What is read of a plan after the walk, beside its samples at hand-over."""
+    ends, jumps = plan.contacts.step_ends.tolist(), np.asarray(plan.jump_times).tolist()
+    return plan.command, plan.judged_from, plan.constants, ends, jumps
+
+
+def check_judged(plan: WalkPlan) -> None:
+    """Refuse a plan of a class that says itself what of it is judged, by a ValueError."""
+    from ampm.planner.contacts import Contacts  # imported here as plan_walk's
+    from ampm.walk import WalkPlan
+
+    names = ("command", "judged_from", "contacts", "constants", "jump_times")
+    own = [name for name in names if getattr(type(plan), name, None) is not getattr(WalkPlan, name, None)]
+    if plan.command is not None or own or type(plan.contacts) is not Contacts:
+        raise ValueError("its plan has a command or a judged_from of its own, or contacts; leave them out")
+
+
 def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
     from ampm.planner.support import check_contacts  # imported here as plan_walk's
-    from ampm.walk import WalkPlan
 
-    if plan.command is not None or type(plan).judged_from is not WalkPlan.judged_from:
-        raise ValueError("its plan has a command or a judged_from of its own; leave it out")
+    check_judged(plan)
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():

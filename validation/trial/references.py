@@ -14,7 +14,7 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
-from validation.trial.plan import check_footsteps
+from validation.trial.plan import check_footsteps, check_judged
 from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
@@ -118,6 +118,7 @@ class References(Course):
                 raise ValueError(f"the plan made at {time:g} s ends at {plan.duration:g} s; plan beyond now")
             if not (begin := plan.phases[0].start) <= time + _LATE + 1e-9:
                 raise ValueError(f"the plan made at {time:g} s begins at {begin:g} s; plan from now on")
+            check_judged(plan)
             # Two footsteps are stood on at first. A plan may add steps, and a later one leave them out again.
             due = len(self.footsteps) - 2 if self.steps is None else len(self.step_ends)
             if plan.contacts.steps < due:

@@ -29,7 +29,7 @@ from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
-from validation.trial.plan import PlannedWalk
+from validation.trial.plan import PlannedWalk, judged_facts
 from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
@@ -85,7 +85,12 @@ def simulate(
     else:
         estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
+    judged = judged_facts(plan)
     record = loop.run(progress)
+    if judged_facts(plan) != judged:
+        raise InputError("the planner changed its plan after handing it over; let replan make another one.")
+    if replanner is not None and record.outcome.completed:
+        forces_of(run, disturbances, record.outcome.time)
     tick = physics.substeps * physics.time_step
     since = tuple(first * tick for first in course.since)
     followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
@@ -320,6 +325,10 @@ class ClosedLoop:
             if self.faults is not None:
                 self.faults.act(self.command.torque, self.command.rate)
             self._row[0] = reference.row if output.reference is None else output.reference.row
+            # A user's controller does not say what a fall is.
+            self.log.stands_by[0] = (
+                self._row[0] if type(self.controller) is TrackingController else reference.row
+            )
             status, residual = int(output.status), float(output.residual)
             if status not in (SOLVED, LIMITED, UNSOLVED):
                 raise ValueError(f"{status} is not a QP status")
