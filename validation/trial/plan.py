@@ -363,7 +363,7 @@ def _check_steps(plan: WalkPlan, run: RunParameters, is_table: bool) -> str:
     elif is_table:
         return ""
     elif planned < wanted:
-        raise ValueError(f"it plans {planned} of the {wanted} steps of gait.steps; plan run.gait.steps")
+        raise ValueError(f"it plans {planned} of the {wanted} steps of gait.steps; plan all, or lower it")
     else:
         along = np.abs(np.diff([step.position[0] for step in plan.contacts.footsteps]))
         length, given = float(np.median(along)), run.gait.step_length
@@ -398,7 +398,7 @@ def check_judged(plan: WalkPlan) -> None:
     names = ("command", "judged_from", "contacts", "constants", "jump_times")
     own = [name for name in names if getattr(type(plan), name, None) is not getattr(WalkPlan, name, None)]
     if plan.command is not None or own or type(plan.contacts) is not Contacts:
-        raise ValueError("its plan has a command or a judged_from of its own, or contacts; leave them out")
+        raise ValueError("its plan has a command or a judged_from of its own, or contacts of another class")
 
 
 def _check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
