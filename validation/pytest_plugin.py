@@ -77,9 +77,8 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
         for trial in trials:
             verdict = (trial if profile is None else trial.judged(profile)).verdict
             if not verdict.passed:
-                wrong.append(
-                    f"{_title(trial)}: {verdict.name.replace('_', ' ')} ({verdict.profile}). {verdict.reason}"
-                )
+                name = verdict.name.replace("_", " ")
+                wrong.append(f"{_title(trial)}: {name} ({verdict.profile}). {verdict.reason}")
                 wrong += [f"    {item.label}: {item.against}" for item in verdict.failed]
         if wrong:
             pytest.fail("\n".join(wrong), pytrace=False)

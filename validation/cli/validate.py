@@ -174,18 +174,17 @@ def report(
         if value not in known:
             raise InputError(f"{name} {value} is unknown; give one of {', '.join(filter(None, known))}.")
     column = parse_width(width)
-    if figures is None and tables is None:
+    if figures is not None:
+        paper = load_paper(directory)
+        with Narrator().stage("figures"):
+            write_paper(figures, *paper, form=form, width=column, table_form=tables, force=force)
+        print_line(str(figures))
+    elif tables is not None:
+        print_line(as_text(load_paper(directory).tables, tables))
+    else:
         with Narrator().stage("report"):
             path = write_page(directory)
         print_line(str(path))
-        return Status.PASS
-    paper = load_paper(directory)
-    if figures is None:
-        print_line(as_text(paper.tables, str(tables)))
-        return Status.PASS
-    with Narrator().stage("figures"):
-        write_paper(figures, *paper, form=form, width=column, table_form=tables, force=force)
-    print_line(str(figures))
     return Status.PASS
 
 

@@ -144,7 +144,7 @@ class SimulationRecord:
         }
         for name, symbols in SHAPES.items():
             shape, given = shape_of(name, sizes), getattr(self, name)
-            if name in OPTIONAL and (given is None or not np.size(given)):
+            if _ARRAYS[name]["optional"] and (given is None or not np.size(given)):
                 given = np.zeros(shape)
             elif given is None and name not in STORED:
                 continue
@@ -195,8 +195,6 @@ LOGGED = tuple(name for name, of in _ARRAYS.items() if of["logged"])
 """Arrays that are filled step by step."""
 STORED = {name: of["file"] for name, of in _ARRAYS.items() if of["file"]}
 """File of every array that is on disk."""
-OPTIONAL = frozenset(name for name, of in _ARRAYS.items() if of["optional"])
-"""Arrays that are zero if they are left out."""
 _RATES = ("K", "K+1", "R", "R-1", "T")
 CONSTANTS = tuple(
     item.name
