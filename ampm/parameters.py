@@ -315,7 +315,9 @@ class RunParameters(Section):
             unit, per_value = unit_of(field_of(per)), self.value(per)
             what = f"{'ticks' if unit == 'Hz' else 'steps'} of {per} = {per_value:g} {unit}"
             rule = f"gives {number:.4g} {what}, not a whole number"
-            raise self.refusal(key, rule, f"choose for example {good:.12g}")
+            raise self.refusal(
+                key, rule, f"choose for example {good or value / number:.12g}, or another {per}"
+            )
         return nearest
 
     def refusal(self, key: str, rule: str, way_out: str) -> InputError:

@@ -27,6 +27,7 @@ from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
+from ampm.section import unknown
 from ampm.walk import RetimedPosture, WalkPlan
 
 
@@ -35,12 +36,16 @@ class PeriodicPlanner:
 
     Args:
         name: makes COM and feet, see :data:`ampm.planner.step_planners.STEP_PLANNERS`.
+
+    Raises :class:`InputError` of another name.
     """
 
     tunes = True
     plans_footsteps = False
 
     def __init__(self, name: str = "ampm") -> None:
+        if name not in STEP_PLANNERS:
+            raise unknown(name, STEP_PLANNERS, "planner")
         self.name, self.steps = name, STEP_PLANNERS[name]
 
     def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:

@@ -37,6 +37,7 @@ def load_run(
     """
     if not isinstance(source, str | Path | None):
         raise InputError(f"{source!r} names no run; give a preset, a TOML file, or nothing for the defaults.")
+    source = None if source is None else str(source)
     table = {} if source is None else _read_source(source)
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
@@ -49,20 +50,22 @@ def load_run(
     return run.giving(run.given - set(OPEN_KEYS) | named)
 
 
-def _read_source(source: str | Path) -> dict[str, Any]:
+def _read_source(source: str) -> dict[str, Any]:
     """Table of a preset or of a TOML file, in which files beside it have absolute paths.
 
     Raises:
         InputError: there is neither; or what is there is no readable TOML.
     """
+    if not source:
+        raise InputError("the name of the gait is empty; give a preset, a TOML file, or leave it out.")
     if source in PRESETS:
         return read_toml(Path(__file__).with_name("presets") / f"{source}.toml")
     try:
         table = read_toml(Path(source))
     except (FileNotFoundError, NotADirectoryError):
-        raise unknown(str(source), PRESETS, "preset or file", value=str(source)) from None
+        raise unknown(source, PRESETS, "preset or file", value=source) from None
     if isinstance(body := table.get("body"), dict) and "root" in body:
-        way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {str(source)!r}}})"
+        way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {source!r}}})"
         raise InputError(f"{source} describes a body and is not a gait; {way_out}.", way_out=way_out)
     for section, key in (("body", "source"), ("gait", "planner")):
         values = table.get(section)

@@ -18,9 +18,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ampm.exceptions import InputError
 from ampm.geometry import Array, Flags
 from ampm.parameters import CommandParameters, RunParameters
 from ampm.planner.centroidal import PlanSample
+from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
 from ampm.reference import FIELDS, SHARP, PostureState, Reference, Timing
@@ -86,7 +88,9 @@ class WalkPlan(StepPlan):
         Raises:
             InputError: a time lies outside the plan.
         """
-        times = np.array(times, dtype=np.float64)
+        times = times_within(times, self.duration)
+        if not times.size:
+            raise InputError("there are no times; give one or more.")
         jumps = np.asarray((np.abs(times[:, None] - self.jump_times) < timing.slope).any(axis=1))
         delay = 0.5 * timing.hold * (jumps if timing.slope else np.ones(len(times)))
         now = held = self._sampled(times)

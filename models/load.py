@@ -90,7 +90,7 @@ class Writer:
                     "which cannot hold a sole flat: that takes 6; take another model, or correct foot or lock"
                     if len(joints) < LEG_JOINTS
                     else "of which hip and sole determine 6; lock the others, and if they are toes, give the "
-                    "segment that they hang on as foot"
+                    "segment that they hang on as foot, and its sole"
                 )
                 raise InputError(
                     f"the {side} leg has {len(joints)} hinges ({', '.join(self._names_of(joints))}), {why} "
@@ -217,7 +217,8 @@ class Writer:
         ):
             wrong = (
                 f"the ankle, at x = {under[0]:.4g} m, and sole.reference = {outline.reference:g} must be "
-                f"between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; mend sole or foot."
+                f"strictly between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; "
+                "mend sole or foot."
             )
         elif longest > length:
             wrong = (
@@ -328,16 +329,25 @@ class Writer:
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
         loose = [hinges[k].name for k in of_legs if not hinges[k].high - hinges[k].low <= _LARGEST_RANGE]
+        of_pairs = ", by name of the left one of a pair"
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
             (resting, "joints of a leg in rest", "leave them out, as legs follow the gait"),
             (outside, "angles at rest outside of their range", "correct them"),
             (bare, "moving segments without positive mass", "give it in the model, or lock joints of no leg"),
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
-            (weak, "joints without a torque limit above 0", "give it with [body.effort]"),
-            (still, "joints with a speed limit of 0", "give it with [body.speed]"),
-            (inverse, "joints whose range is empty", "give it with [body.range], least angle first"),
-            (loose, "joints of a leg without a range, or over two turns", "give it in rad with [body.range]"),
+            (weak, "joints without a torque limit above 0", f"give it with [body.effort]{of_pairs}"),
+            (still, "joints with a speed limit of 0", f"give it with [body.speed]{of_pairs}"),
+            (
+                inverse,
+                "joints whose range is empty",
+                f"give it with [body.range], least angle first{of_pairs}",
+            ),
+            (
+                loose,
+                "joints of a leg without a range, or over two turns",
+                f"give it in rad with [body.range]{of_pairs}",
+            ),
         ):
             if names:
                 raise InputError(f"the body has {what}: {', '.join(names)}; {way_out}.")

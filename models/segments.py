@@ -111,8 +111,8 @@ def _images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> 
         names = [hinges[k].name for k in np.flatnonzero(lonely)]
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
-            f"symmetric body: correct it, or write lock = {[*locked, *names]} in [body] of its description, "
-            "if they are of no leg."
+            f"symmetric body that stands upright: correct it, or write lock = {[*locked, *names]} in [body] "
+            "of its description, if they are of no leg."
         )
     return images.tolist(), float(least.max())
 

@@ -198,7 +198,10 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     except (OSError, ValueError, ET.ParseError, mujoco.FatalError) as error:
         what = " ".join(str(error).split())
         way_out = ", or add balance_inertia = true to the body's description" if "A + B >= C" in what else ""
-        way_out = ", or convert it from xacro to URDF" if "${" in what else way_out
+        if "${" in what or (path.is_file() and b"<xacro:" in path.read_bytes()):
+            way_out = ", or convert it from xacro to URDF"
+        elif "free joint" in what:
+            way_out = ", or remove the floating joint: the root is free without it"
         raise InputError(f"the model {str(path)!r} cannot be compiled ({what}); mend it{way_out}.") from None
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from ampm.parameters import GRAVITY
 from ampm.section import unknown
 from models.scene import Inertial, quaternion
 from models.segments import Hinge, Segment, limb_middles, symmetrise
@@ -32,6 +33,7 @@ _FORCES_OF_NO_JOINT = (
     "body_gravcomp",
 )
 """Fields of a source with forces or limits that a body cannot have."""
+_SAME_GRAVITY = 0.05  # most difference of a model's gravity from that of a walk [m/s^2]
 _BY_JOINT = ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction")
 """Keys of a description with patterns of joints."""
 _SMALL = 0.5  # extent of what collides over that of what is drawn: less are points that touch the floor [1]
@@ -120,6 +122,13 @@ class Tree:
         model = self.model
         if forces := [name for name in _FORCES_OF_NO_JOINT if getattr(model, name).any()]:
             raise InputError(f"the model has {', '.join(forces)}, which a body cannot have; remove them.")
+        gravity = model.opt.gravity
+        if gravity.any() and np.abs(gravity - (0.0, 0.0, -GRAVITY)).max() > _SAME_GRAVITY:
+            given = ", ".join(f"{value:g}" for value in gravity)
+            raise InputError(
+                f"the model has a gravity of ({given}) m/s^2, and every body walks under "
+                f"(0, 0, {-GRAVITY:g}); correct or remove it."
+            )
         if coupled := sorted(name for name in coupled_joints(model) if not self._is_locked(name)):
             raise InputError(
                 f"the model has closed loops or coupled joints ({', '.join(coupled)}); remove the coupling "
@@ -299,7 +308,8 @@ def motor_limits(model: mujoco.MjModel) -> dict[int, float]:
             if model.actuator_ctrllimited[i] and not model.actuator_biasprm[i].any():  # a motor
                 largest = model.actuator_gainprm[i, 0] * np.abs(model.actuator_ctrlrange[i]).min()
                 most = min(most, float(largest))
-            limits[int(model.actuator_trnid[i, 0])] = gear * most
+            joint = int(model.actuator_trnid[i, 0])
+            limits[joint] = limits.get(joint, 0.0) + gear * most
     for j in np.flatnonzero(model.jnt_actfrclimited).tolist():
         limits[j] = min(limits.get(j, math.inf), float(np.abs(model.jnt_actfrcrange[j]).min()))
     return limits

@@ -76,7 +76,8 @@ def test_the_viewer_stays_on_this_machine_and_needs_a_display(ampm, tmp_path, mo
     assert answer.status == Status.REFUSED
     assert "--web" in answer.err
     for ended, status in ((0, Status.PASS), (1, Status.REFUSED)):
-        monkeypatch.setattr("validation.show.viewer.subprocess.call", lambda *_, ended=ended: ended)
+        program = [sys.executable, "-c", f"raise SystemExit({ended})"]
+        monkeypatch.setattr("validation.show.viewer.viewer_command", lambda *_, web, run=program: run)
         answer = ampm("view", recording, "--web")
         assert (answer.status, "close another one" in answer.err) == (status, bool(ended))
 

@@ -130,6 +130,15 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     pushed = replace(record, external_segments=("thorax",), external_force=force)
     recovery = evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"]
     assert recovery == pytest.approx(49 * record.time_step)
+    still = replace(plan.constants, single_support_duration=0.0, double_support_duration=0.0)
+    found = compare(replace(plan, constants=still), pushed, replace(measured, zmp=zmp))
+    assert evaluate(found)["recovery_time"] == recovery
+    assert evaluate(replace(found, unpushed="jumps"))["recovery_time"] == recovery
+    zmp = measured.zmp.copy()
+    zmp[230, 1] += 0.05  # more than `default` allows, less than `jumps`
+    found = compare(plan, pushed, replace(measured, zmp=zmp))
+    times = [evaluate(replace(found, unpushed=name))["recovery_time"] for name in ("default", "jumps")]
+    assert times == pytest.approx([30 * record.time_step, 0.0])
     late = np.arange(len(zmp))[:, None] > 210  # to the end, which comes before the limit on the recovery
     zmp = np.where(late, 0.5, zmp)
     assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"])

@@ -7,6 +7,7 @@ import pytest
 
 import ampm
 import validation as val
+from ampm import InputError
 from ampm.body.constant_posture import ConstantPosture
 from ampm.planner import routes
 from ampm.planner.footstep_walk import plan_footstep_walk
@@ -15,9 +16,10 @@ from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
+from ampm.planners import FootstepPlanner
 from tests.test_footsteps import BODY, WALKS, turned
 from validation.store.saved import load_saved_run
-from validation.trial.plan import load_request, plan_walk
+from validation.trial.plan import Request, load_request, plan_walk
 
 RUN = ampm.load_run("normal")
 CONSTANTS = plan_gait(RUN.gait, 60.0).constants
@@ -29,6 +31,45 @@ def over(footsteps, run=RUN):
 
 def plan(footsteps, run=RUN):
     return plan_footstep_walk(over(footsteps, run), BODY)
+
+
+class Changed:
+    """Walks other footsteps than those of the run."""
+
+    def __init__(self, *rows):
+        self.rows = rows
+
+    def plan(self, run, robot):
+        return FootstepPlanner().plan(run.replace({}, footsteps=self.rows), robot)
+
+
+ROWS = routes.as_rows(routes.straight(4, 0.3, 0.2))
+ROWS[3]["time"] = 2.2  # [s]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"x": 0.62}, r"footstep 4 at \(0.6, .* m: its footstep is 0.02 m off"),
+        ({"z": 0.02}, "it plans z = 0.02 m there"),
+        ({"heading": 0.25}, "it plans a heading of 0.25 rad"),
+        ({"time": 2.4}, r"it lands there \+0.2 s late"),
+        ({}, r"takes 40.* s, more than 1.5 times"),
+    ],
+)
+def test_a_planner_keeps_to_the_footsteps_of_its_run(change, words):
+    rows = [*ROWS[:3], ROWS[3] | change, *ROWS[4:]]
+    rows[-1] = rows[-1] | ({} if change else {"time": 38.0})
+    with pytest.raises(InputError, match=words):
+        plan_walk(Request("walk", RUN.replace({}, footsteps=ROWS)), planner=Changed(*rows))
+    with pytest.raises(InputError, match="it plans 7 footsteps, and the run has 6"):
+        plan_walk(Request("walk", RUN.replace({}, footsteps=ROWS[:6])), planner=Changed(*ROWS[:6], ROWS[4]))
+
+
+def test_a_planner_does_not_raise_the_floor_of_a_level_walk():
+    rows = [row | {"z": 0.02 * (k > 3)} for k, row in enumerate(ROWS)]
+    with pytest.raises(InputError, match="off the floor of its run"):
+        plan_walk(Request("walk", RUN.replace({"gait.steps": 4})), planner=Changed(*rows))
 
 
 @pytest.mark.parametrize("gait", ["normal", "momentum"])

@@ -109,6 +109,17 @@ def test_falls_at_the_same_instant_are_not_equal():
     assert (cell.runs, cell.survived) == (8, 0)
 
 
+def test_a_replica_that_only_one_planner_refuses_counts_as_not_completed():
+    refusals = iter(range(3))
+
+    def change(task, planner, row):
+        refuses = (task, planner) == ("normal", "dcm") and next(refusals, None) is not None
+        return {"outcome": "refused", "reason": "bad_parameter", "cause": "engine."} if refuses else row
+
+    cell = next(cell for cell in rank(league(0, change)).cells if cell.name == "dcm")
+    assert (cell.task, cell.survived, cell.runs, cell.notes[0]) == ("normal", 5, 8, "3 refused: engine.")
+
+
 def test_a_walk_without_an_error_has_no_rank():
     def change(task, planner, row):
         return row | ({f"ahead_0.1_zmp_{axis}": math.nan for axis in "xy"} if planner == "dcm" else {})

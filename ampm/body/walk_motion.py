@@ -128,7 +128,9 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
     what = f"{at(when)} {walk.parts[k]} come too close: their distance"
     turn = "turn the toes out, by 0.1 rad for example, or less if they are, "
-    less = f"{_retimed(plan, when)}{turn}put the feet further apart, or turn less"
+    less = f"{_retimed(plan, when)}{turn}put the feet further apart" + ", or turn less" * bool(
+        np.ptp(contacts.headings)
+    )
     if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"

@@ -239,7 +239,10 @@ def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:
     Raises:
         InputError: a time lies outside the plan or is not a number.
     """
-    time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    try:
+        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError(f"times {times!r} are not numbers; give one number or a sequence.") from None
     if time.ndim != 1:
         raise InputError(f"times have the shape {time.shape}; give one number or a sequence of numbers.")
     outside = ~((time >= -TIME_TOLERANCE) & (time <= duration + TIME_TOLERANCE))

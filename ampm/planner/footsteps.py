@@ -64,7 +64,7 @@ def plan_footsteps(
 
     Args:
         footsteps: where both feet stand at first, then where each lands; left and right in turn, the foot
-            that swings first at the head. At least four.
+            that swings first at the head. At least three.
         gait: see above; its step length and steps count only for the durations.
         body: its mass, soles and lengths.
         landings: time at which each footstep is reached [s]; None leaves it to the gait. The first two are
@@ -132,6 +132,8 @@ def contacts_over(
     switches, lifted = [0.0], SETTLING
     for number in range(2, len(footsteps)):
         landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
+        if not math.isfinite(landing):
+            raise InputError(f"footstep {number + 1} is reached at {landing} s; give a finite time, or None.")
         check_landing(number, landing, lifted, double, single)
         switches += [lifted, landing]
         lifted = landing + double

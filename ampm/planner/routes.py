@@ -125,7 +125,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     """
     try:
         text = io.StringIO(read_text(path), newline="")
-        table = csv.DictReader(text, skipinitialspace=True, restkey="more cells than the header")
+        table = csv.DictReader(text, skipinitialspace=True)
         names = [name.strip() for name in table.fieldnames or ()]
         check_columns(names, path)
         lines = [(table.line_num, row) for row in table]
@@ -139,6 +139,11 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         raise InputError(f"{path} has no column {missing[0]!r}; {known}.")
     rows = []
     for line, cells in lines:
+        if more := cells.pop(None, []):
+            raise InputError(
+                f"{path}, line {line} has {len(names) + len(more)} cells and the header {len(names)}; "
+                "name all columns, for example foot,x,y,heading,time."
+            )
         row = {str(name).strip(): _value(cell) for name, cell in cells.items() if cell}
         try:
             FootstepParameters(**row)

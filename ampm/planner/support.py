@@ -19,6 +19,7 @@ _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are ev
 _GRID = 24  # instants between two jumps, and in every refinement
 _REFINEMENTS = 4
 _OFF = 5e-3  # most distance of a sole point on the floor from its footstep [m]
+_SHORTEST = 0.05  # least duration of a swing: none is half as short [s]
 _OUTSIDE = 0.02  # most distance of the ZMP from the support [m]: an optimised plan may leave it a little
 _POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's sole points
 
@@ -125,10 +126,16 @@ def check_contacts(
 ) -> None:
     """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
 
-    Feet are checked in all phases ``after`` a time [s], the ZMP in the first ``phases`` of them, by default
-    in all. The ZMP may be ``outside`` the support by this distance [m].
+    Feet and the durations of swings are checked in all phases ``after`` a time [s], the ZMP in the first
+    ``phases`` of them, by default in all. The ZMP may be ``outside`` the support by this distance [m].
     """
     ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after]
+    for phase in ahead:
+        if phase.kind == "single_support" and phase.duration < _SHORTEST:
+            raise ValueError(
+                f"at {phase.start:.4g} s it swings a foot in {phase.duration:.3g} s; plan {_SHORTEST:g} s "
+                "or more"
+            )
     times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])
     feet = plan.feet.sample(times)
     for row, phase in enumerate(ahead):

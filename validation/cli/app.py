@@ -90,6 +90,10 @@ def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
         return end.exit_code
     except BrokenPipeError:
         return Status.BROKEN_PIPE
+    except SystemExit as end:  # rich makes one of a broken pipe
+        if isinstance(end.__context__, BrokenPipeError):
+            return Status.BROKEN_PIPE
+        raise
     except (Exception, KeyboardInterrupt) as caught:
         error: BaseException = caught
         if interruption.pending and not isinstance(error, KeyboardInterrupt):

@@ -47,6 +47,9 @@ class Files:
         """Raise InputError for files that must not be written, before anything is computed."""
         if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
+        named = [path.resolve() for path in (self.save, self.samples, self.motion, self.plot) if path]
+        if len(set(named)) < len(named):
+            raise InputError(f"{' and '.join(map(str, named))}: give every file its own name.")
         for table in filter(None, (self.samples, self.motion)):
             check_new_file(table, ".csv", ".parquet", force=self.force)
         if self.plot is not None:
@@ -198,8 +201,8 @@ def keys(
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 
-    A WORD that names a section keeps the keys of this section. Any other WORD keeps the keys that have it in
-    their name or meaning. Several words narrow the list: 'ampm keys controller swing'.
+    A WORD that names a section keeps the keys of this section. Any other WORD, and planner, keeps the keys
+    that have it in their name or meaning. Several words narrow the list: 'ampm keys controller swing'.
 
     Every key is shown with its value in a gait, unit, bounds and meaning, and its default where the value is
     another one. Each can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.

@@ -88,7 +88,7 @@ def judge(
             print_result(summary, folder, wrote=folder != log)
         return status_of(summary)
 
-    profile, given = judging.load(), {**vars(comparing), "out": result.out}
+    profile, given = judging.load(), {**vars(comparing), "out": result.out, "force": result.force}
     if log.is_dir():
         if comparing.plan and Path(comparing.plan).is_dir() and Path(comparing.plan).samefile(log):
             given["plan"] = None

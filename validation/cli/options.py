@@ -101,8 +101,8 @@ def with_short(settings: Sequence[str] | None, **options: str | int | None) -> l
             found.append(f"{SHORT[name]}={text}")
     texts: dict[str, str] = {}
     for setting in found:
-        key, _, text = setting.partition("=")
-        if (old := texts.setdefault(key.strip(), text)) != text:
+        key, _, text = (part.strip() for part in setting.partition("="))
+        if (old := texts.setdefault(key, text)) != text:
             raise InputError(f"{key} is given twice, as {old} and as {text}; give it once.", key=key)
     return found
 
@@ -152,7 +152,7 @@ class WalkOptions:
     def changes(self, steps: int | None = None) -> list[str]:
         """All but ``as_is`` as ``key=value`` texts."""
         short = {name: value for name, value in vars(self).items() if name in SHORT}
-        found = with_short(self.settings, steps=steps, **short)
+        found = list(self.settings or ())
         if self.command is not None:
             parts = self.command.split(",")
             if len(parts) != 3:
@@ -160,7 +160,7 @@ class WalkOptions:
                     f"--command {self.command} must be three numbers VX,VY,WZ, for example 0.5,0,0."
                 )
             found += [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
-        return found
+        return with_short(found, steps=steps, **short)
 
     def request(self, gait: str | None, steps: int | None = None, **more: Any) -> Request:
         """A gait with these changes; further arguments as in :func:`validation.trial.plan.load_request`."""

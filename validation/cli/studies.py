@@ -182,6 +182,8 @@ def explain(
 
     options.load_metrics(metric)
     is_folder = run is not None and names_folder(run)
+    if is_folder and walk.as_is:
+        raise InputError(f"{run} is repeated as it was walked; leave out --as-is.")
     found = study(
         run if is_folder else walk.request(run, steps),
         walk.changes(steps) if is_folder else (),

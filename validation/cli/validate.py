@@ -162,6 +162,8 @@ def report(
             "--format and --width need --figures, --study needs --evidence; "
             "give --evidence without --figures and --tables."
         )
+    if force and not (figures or evidence):
+        raise InputError("--force needs --figures or --evidence; the page is always written again.")
     if evidence is not None:
         from validation.study.evidence import write_evidence  # loads the simulator
 

@@ -34,6 +34,10 @@ def view(
     One run opens unchanged. Several are aligned on the phase of the gait: the bodies stand side by side, and
     the curves lie over each other.
     """
+    if save is not None and web:
+        raise InputError("--save opens nothing; leave it out, or --web.")
+    if force and save is None:
+        raise InputError("--force needs --save FILE.rrd; give it, or leave --force out.")
     if save is None and len(targets) == 1 and targets[0].suffix == ".rrd" and targets[0].is_file():
         show_recording(targets[0], web=web)
         return Status.PASS

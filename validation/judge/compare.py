@@ -139,7 +139,7 @@ class Comparison(Brief):
     # by lead of the plan, see `LEADS`: RMS error of every signal in the judged window
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
-    relative: bool = False  # see :attr:`ampm.sensor_parameters.SensorParameters.relative`
+    unpushed: str = "default"  # profile that judges the walk if nothing pushes it
 
     @property
     def time(self) -> Array:
@@ -239,7 +239,7 @@ def compare(
         scales=MappingProxyType(scales),
         signals=MappingProxyType(signals),
         zmp_split=_split_zmp_error(planned, measured, run),
-        costs=MappingProxyType(costs),
+        costs=MappingProxyType({name: MappingProxyType(of) for name, of in costs.items()}),
         followed=followed,
         valid=valid,
         ahead=MappingProxyType(ahead),

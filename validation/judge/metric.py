@@ -61,9 +61,9 @@ class Metric:
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise InputError(f"metric name {self.name!r} is not an identifier; use letters, digits and '_'.")
         object.__setattr__(self, "label", self.label or self.name.replace("_", " "))
-        for value, known in ((self.kind, _KINDS), (self.nature, _NATURES)):
+        for what, value, known in (("kind", self.kind, _KINDS), ("nature", self.nature, _NATURES)):
             if value not in known:
-                raise unknown(value, known, f"kind of the metric '{self.name}'")
+                raise unknown(value, known, f"{what} of the metric '{self.name}'")
         if not isinstance(self.tolerances, Mapping):
             raise InputError(
                 f"metric '{self.name}' has the tolerances {self.tolerances!r}; "

@@ -36,10 +36,14 @@ def register(metric: Metric) -> Metric:
     """Add a metric; it is then computed, judged and shown like the built-in ones.
 
     Raises:
-        InputError: its name is taken, or it has a tolerance without a reason.
+        InputError: its name is taken, it has a section, or a tolerance without a reason.
     """
     if metric.name in METRICS:
         raise InputError(f"metric '{metric.name}' exists; choose another name.")
+    if metric.section:
+        raise InputError(
+            f"metric '{metric.name}' has a section, which only built-in ones have; leave it out."
+        )
     if metric.tolerances and not metric.reason:
         raise InputError(f"metric '{metric.name}' has a tolerance without a reason; give the reason.")
     _ADDED[metric.name] = metric
@@ -164,15 +168,14 @@ def _recovery_time(walk: Comparison) -> float | None:
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
     if walk.plan.command is not None or not pushed.size:
         return None
-    profile = "footsteps" if walk.plan.judged_from == 0.0 else "default"
-    profile = "jumps" if walk.plan.jump_times.size else profile
-    profile = "odometry" if walk.relative else profile
     limits = {}
     for name, metric in METRICS.items():
-        found = metric.tolerances.get(profile, metric.tolerances.get("default"))
-        if found is not None and not (walk.relative and name.startswith(("zmp_x", "zmp_y"))):
+        found = metric.tolerances.get(walk.unpushed, metric.tolerances.get("default"))
+        if found is not None and not (walk.unpushed == "odometry" and name.startswith(("zmp_x", "zmp_y"))):
             limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
-    step = max(round(walk.plan.constants.step_duration / record.time_step), 1)
+    step = max(
+        round(float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0))) / record.time_step), 1
+    )
     within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
     for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)

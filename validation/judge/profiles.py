@@ -105,6 +105,11 @@ def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbanc
         return FREE
     if any(isinstance(item, Push) for item in (*pushes_of(run.disturbance), *disturbances)):
         return PUSHED
+    return unpushed_profile(gait, run)
+
+
+def unpushed_profile(gait: str, run: RunParameters) -> Profile:
+    """Profile of a walk with a plan that nothing pushes, see :func:`own_profile`."""
     if run.sensors.relative:
         return ODOMETRY
     if run.footsteps:

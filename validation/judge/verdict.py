@@ -32,6 +32,9 @@ class VerdictName(StrEnum):
     NOT_MEASURED = "not_measured"
 
 
+_LEFT_OUT = 0.01  # share of a log's time whose gaps a full pass may have [1]
+
+
 @dataclass(frozen=True)
 class MetricResult:
     """One metric, judged or only reported."""
@@ -123,7 +126,7 @@ class Verdict(Brief):
     """Metrics of a run compared with a profile."""
 
     # pass only if every tolerance was judged and met; undecided if all decided tolerances pass, but some are
-    # undecided; partial if all pass that a log has, but it lacks some
+    # undecided; partial if all pass that a log has, but it lacks some, or much of its time
     name: VerdictName
     profile: str  # name of the profile
     reason: str  # one sentence
@@ -157,7 +160,7 @@ def judge(
     uncertainty: Uncertainty | None = None,
     *,
     ended: str = "",
-    is_log: bool = False,
+    log: Mapping[str, Any] | None = None,
 ) -> Verdict:
     """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
@@ -168,9 +171,10 @@ def judge(
         uncertainty: a metric whose distance to its tolerance is below its numerical uncertainty, or its
             spread over contact laws, is undecided.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
-        is_log: whether another instrument measured, which may lack some signals: they are named. It checks no
-            measurement by another.
+        log: facts of the log if another instrument measured, which may lack signals, or ``left_out``, a share
+            of the time: they are named. It checks no measurement by another.
     """
+    is_log = log is not None
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
     known = uncertainty or Uncertainty("", 0, {})
     results = []
@@ -197,7 +201,7 @@ def judge(
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     own = {metric.name for metric in added_metrics()}
-    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), is_log=is_log)
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
@@ -206,7 +210,7 @@ def judge(
 
 
 def _conclude(
-    results: Sequence[MetricResult], missing: list[str], limits: int, *, is_log: bool
+    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any] | None
 ) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
@@ -232,9 +236,14 @@ def _conclude(
         reason += "."
         reason += f" {len(undecided)} undecided: {why}." if undecided else ""
         return VerdictName.FAIL, reason + unknown
-    if missing and is_log and passed and not undecided:
-        what = f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"
-        return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {what}."
+    lacks = (
+        [f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"] if missing else []
+    )
+    if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
+        lacks.append(f"{left_out:.1%} of the time is left out")
+    if lacks and log is not None and passed and not undecided:
+        lack = ", and ".join(lacks)
+        return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {lack}."
     if missing:
         return VerdictName.NOT_MEASURED, f"{len(passed)} of {limits} measured tolerances met.{unknown}"
     if undecided:
@@ -309,7 +318,7 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
     metrics, known = {**dict.fromkeys(entries, math.nan), **of("value")}, None
     if study := summary.get("uncertainty"):
         known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))
-    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, is_log="log" in summary)
+    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, log=summary.get("log"))
     return dict(json_ready({**summary, **_entries(verdict)}))
 
 

@@ -187,6 +187,8 @@ def _aligned(
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
         notes.append(f"{gaps}, are left out.")
+        if not strides:
+            facts["left_out"] = sum(log.gaps) / float(log.time[-1] - log.time[0])
         if len(log.gaps) > _OFTEN * log.time.size:
             notes.append("Every row counts alike: give a log of one rate if it has several.")
     if log.unsupported:

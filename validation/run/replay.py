@@ -27,7 +27,7 @@ from validation.store.environment import describe_environment
 from validation.store.record import record_tables
 from validation.store.saved import SavedRun, load_saved_run
 from validation.store.signals import Signals
-from validation.trial.disturbances import Plant, Recorded
+from validation.trial.disturbances import Plant, Recorded, release
 from validation.trial.files import RunFile
 from validation.trial.log import RunLog
 from validation.trial.physics import Physics, quiet_mujoco
@@ -103,7 +103,7 @@ def step_again(
                 physics.engine.step1()
                 data.ctrl[:] = torque
                 if record.external_segments:
-                    plant.release()
+                    release(plant)
                     pushes.apply(k * record.time_step, plant)
                     log.keep_pushes(k, plant.pushes)
                 physics.engine.step2()

@@ -49,7 +49,7 @@ class Trial(Tabled):
         """Judge the metrics."""
         scales, ended = self.comparison.scales, self.record.outcome.ending
         found = judge(
-            self.values, self.profile, scales, self.uncertainty, ended=ended, is_log="log" in self.extra
+            self.values, self.profile, scales, self.uncertainty, ended=ended, log=self.extra.get("log")
         )
         object.__setattr__(self, "verdict", found)
 

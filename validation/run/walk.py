@@ -19,7 +19,7 @@ from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile
+from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile, unpushed_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
@@ -122,7 +122,7 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        comparison = replace(comparison, relative=run.sensors.relative)
+        comparison = replace(comparison, unpushed=unpushed_profile(planned.name, run).name)
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]

@@ -1,6 +1,7 @@
 """Rerun's viewer, started on this machine and reachable from it only."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,14 @@ from ampm.exceptions import InputError
 
 def show_recording(recording: Path, *, web: bool = False) -> None:
     """Open one recording, with ``web`` in a browser, until it is closed; InputError if the viewer fails."""
-    if subprocess.call(viewer_command(recording, web=web)) > 0:
+    # The command starts the viewer proper: both are of one group, which a signal to ours does not reach.
+    viewer = subprocess.Popen(viewer_command(recording, web=web), start_new_session=True)
+    try:
+        status = viewer.wait()
+    except BaseException:
+        os.killpg(viewer.pid, signal.SIGTERM)
+        raise
+    if status > 0:
         raise InputError("the viewer ended with the error above; close another one, if it is open.")
 
 

@@ -22,6 +22,7 @@ from pydantic import BaseModel
 
 from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
+from ampm.section import unknown
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, interruption
 from validation.store.environment import code_hash
@@ -110,8 +111,16 @@ class Execution(TypedDict, total=False):
 def study_folder(execution: Execution) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
-    Raises :class:`InputError` if there is no study to resume, or the folder is used otherwise.
+    Raises :class:`InputError` of unknown or contradicting options, if there is no study to resume, or the
+    folder is used otherwise.
     """
+    for name in execution.keys() - Execution.__annotations__.keys():
+        raise unknown(name, Execution.__annotations__, "option of a study")
+    workers = execution.get("workers")
+    if workers is not None and workers < 0:
+        raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
+    if workers is not None and execution.get("scheduler") is not None:
+        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
     out, resume = execution.get("out"), execution.get("resume", False)
     if out is None:
         if resume:
@@ -152,10 +161,6 @@ def walk_many(
     """
     workers, scheduler = execution.get("workers"), execution.get("scheduler")
     folder, progress = study_folder(execution), execution.get("progress") or Progress()
-    if workers is not None and workers < 0:
-        raise InputError(f"--workers {workers} must not be negative; give the number of processes.")
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other: a scheduler has its own workers.")
     total = len(tasks) if isinstance(tasks, Sized) else count
     if scheduler is None and total:  # no process without a walk
         workers = min(cores() if workers is None else workers, total)

@@ -30,6 +30,7 @@ import cloudpickle
 from ampm.exceptions import InputError, RefusedGait, StudyStopped
 from ampm.files import read_text
 from validation.judge.metrics import add_metrics, added_metrics
+from validation.progress import interruption
 from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
@@ -267,6 +268,7 @@ def _local(workers: int) -> Iterator[Any]:
         # blocked signal, so that only the client ends. The tracker's start would unblock it.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        held, interruption.holding = interruption.holding, True  # a cluster that is half started cannot end
         try:
             cluster = LocalCluster(
                 n_workers=workers,
@@ -278,7 +280,9 @@ def _local(workers: int) -> Iterator[Any]:
             client = Client(cluster, set_as_default=False)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            interruption.holding = held
         try:
+            interruption.check()
             yield client
         finally:
             for nanny in list(cluster.workers.values()):  # closing would wait for runs that are not finished

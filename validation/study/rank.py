@@ -45,7 +45,7 @@ class TaskResult:
 
     task: str  # name of the gait
     name: str  # of the planner
-    runs: int  # that should have walked, 0 if all broke; refused ones do not count, equal ones count once
+    runs: int  # that should have walked, see :func:`rank`; 0 if all broke; equal ones count once
     survived: int  # walks that completed
     error: float  # median of the ZMP's RMS error ahead over the completed walks, NaN without any [m]
     effort: float  # median of their mechanical cost of transport [1]
@@ -189,6 +189,9 @@ class Ranking(Tabled):
 def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = JUDGED_LEAD) -> Ranking:
     """Rank what a sweep varies, task by task; see :mod:`validation.study.rank`.
 
+    A planner that refuses all of a task leaves it out. Where it walks some replicas, those that it refuses
+    and others walk count as not completed.
+
     Args:
         sweep: folder of a sweep, finished or not, or its table.
         by: key of what is ranked, or ``planner`` or ``controller``.
@@ -218,9 +221,12 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     for row, place in enumerate(zip(tasks, names, strict=True)):
         groups.setdefault(place, []).append(row)
     cells, causes, extremes = [], table.words("cause"), dict[str, int]()
+    refused = table.is_state(RunState.REFUSED)
+    walkable = {(tasks[row], replicas[row]) for row in np.flatnonzero(~refused)}
     for place, found in groups.items():
         rows = np.array(found)
-        tried = rows[~table.is_state(RunState.REFUSED)[rows]]
+        asked = [(place[0], replicas[row]) in walkable for row in found]
+        tried = rows[~refused[rows] if refused[rows].all() else asked]
         if table.is_state(*BROKEN)[tried].all():  # no answer about its walk
             tried = tried[:0]
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}

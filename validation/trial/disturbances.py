@@ -73,10 +73,11 @@ class Plant:
         name = self._model.body(body).name
         self.pushes[name] = np.concatenate([self._data.xfrc_applied[body], self._data.xipos[body]])
 
-    def release(self) -> None:
-        """End all pushes."""
-        self._data.xfrc_applied[:] = 0.0
-        self.pushes.clear()
+
+def release(plant: Plant) -> None:
+    """End all pushes; no method, as a disturbance may not end those of others."""
+    plant._data.xfrc_applied[:] = 0.0
+    plant.pushes.clear()
 
 
 class Disturbance(Protocol):

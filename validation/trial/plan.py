@@ -27,10 +27,11 @@ from ampm.parameters import (
     OPTION_TABLES,
     BodyParameters,
     CommandParameters,
-    FootstepParameters,
     RunParameters,
 )
+from ampm.planner.footstep_walk import REST
 from ampm.planner.periodic import plan_gait
+from ampm.planner.rest_to_rest import SETTLING
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
 from ampm.section import parse_setting
@@ -74,6 +75,8 @@ class Request:
 FOOTSTEP_TOLERANCE = 1e-3
 """Distance up to which a planner steps on a footstep [m]."""
 _SAME_LENGTH = 0.05  # share by which a planner's steps may differ from the gait's without a word
+_SAME_HEADING, _SAME_TIME = 0.2, 0.1  # most difference of a footstep's heading and landing [rad, s]
+_LONGEST = 1.5  # most time of a planner's walk over that of the run's durations [1]
 _SHOWN = ("gait.steps", "gait.planner")
 """Keys that a run's title names by themselves."""
 
@@ -171,6 +174,8 @@ def load_request(
     Raises:
         InputError: unknown gait, key or controller, or a bad value.
     """
+    if isinstance(gait, Request | RunParameters) and settings:
+        raise InputError("settings are for a preset or file; change parameters by their method replace.")
     if isinstance(gait, Request):
         return gait
     if isinstance(gait, RunParameters):
@@ -290,8 +295,8 @@ def plan_walk(
     # Ours need no checks of their plans. A class that only says so would not be held to the run.
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
     tunes = says.get("tunes", False)
-    name = str(getattr(planner, "name", type(planner).__name__))
-    if not checked and name in users.PLANNER.known:  # of a user's class that has another use for it
+    name = str(getattr(planner, "name", type(planner).__name__)).strip()
+    if not checked and (not name or name in users.PLANNER.known):  # of a user's class
         name = type(planner).__name__
     if is_object:
         of_class = name if checked and name in users.PLANNER.known else users.PLANNER.name_of(planner)
@@ -356,32 +361,77 @@ def _check_request(
 
 
 def _check_steps(plan: WalkPlan, run: RunParameters, is_table: bool) -> str:
-    """Refuse a plan of other footsteps, or fewer steps, than its run's; words for steps of other length."""
-    planned, wanted = plan.contacts.steps, run.gait.steps
-    if run.footsteps:
-        check_footsteps(plan, run.footsteps, FOOTSTEP_TOLERANCE)
-    elif is_table:
+    """Refuse a plan of other footsteps, fewer steps or more time than its run's; words for another length."""
+    contacts, wanted = plan.contacts, run.gait.steps
+    if is_table:
         return ""
-    elif planned < wanted:
-        raise ValueError(f"it plans {planned} of the {wanted} steps of gait.steps; plan all, or lower it")
-    else:
-        along = np.abs(np.diff([step.position[0] for step in plan.contacts.footsteps]))
-        length, given = float(np.median(along)), run.gait.step_length
-        if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
-            return f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
+    check_footsteps(plan, run, FOOTSTEP_TOLERANCE)
+    check_duration(contacts.duration, run)
+    if run.footsteps:
+        if len(contacts.footsteps) > len(run.footsteps):
+            raise ValueError(
+                f"it plans {len(contacts.footsteps)} footsteps, and the run has {len(run.footsteps)}"
+            )
+        return ""
+    if contacts.steps < wanted:
+        raise ValueError(
+            f"it plans {contacts.steps} of the {wanted} steps of gait.steps; plan all, or lower it"
+        )
+    along = np.abs(np.diff([step.position[0] for step in contacts.footsteps]))
+    length, given = float(np.median(along)), run.gait.step_length
+    if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
+        return f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
     return ""
 
 
-def check_footsteps(plan: WalkPlan, footsteps: Sequence[FootstepParameters], within: float) -> None:
-    """Refuse a plan that does not step on the footsteps of its run, to so many metres, by a ValueError."""
-    planned = np.array([step.position[:2] for step in plan.contacts.footsteps])
-    for number, wanted in enumerate(footsteps, 1):
-        away = float(np.hypot(*(planned - (wanted.x, wanted.y)).T).min(initial=np.inf))
-        if away > within:
+def check_footsteps(plan: WalkPlan, run: RunParameters, within: float) -> None:
+    """Refuse a plan that does not step on the footsteps of its run, to so many metres, by a ValueError.
+
+    Heights, headings and given times of landing are held more closely. A run without footsteps has none off
+    its floor: the floor of the simulation is where the plan steps.
+    """
+    planned, swings = plan.contacts.footsteps, [p for p in plan.contacts.phases if p.kind == "single_support"]
+    if not run.footsteps and any(abs(step.position[2]) > FOOTSTEP_TOLERANCE for step in planned):
+        raise ValueError("it steps off the floor of its run, which has no footsteps; plan all at z = 0")
+    if len(planned) < len(run.footsteps):
+        raise ValueError(f"it plans {len(planned)} of the {len(run.footsteps)} footsteps of the run")
+    for number, (wanted, step) in enumerate(zip(run.footsteps, planned, strict=False)):
+        x, y, z = step.position
+        turn = math.remainder(step.heading - wanted.heading, math.tau)
+        late = 0.0
+        if number > 1 and wanted.time is not None:
+            late = swings[number - 2].start + swings[number - 2].duration - wanted.time
+        off = {
+            f"its footstep is {math.hypot(x - wanted.x, y - wanted.y):.3g} m off": (
+                math.hypot(x - wanted.x, y - wanted.y) / within
+            ),
+            f"it plans the {step.foot} foot there": 2.0 * (step.foot != wanted.foot),
+            f"it plans z = {z:g} m there": abs(z - wanted.z) / FOOTSTEP_TOLERANCE,
+            f"it plans a heading of {step.heading:.3g} rad": abs(turn) / _SAME_HEADING,
+            f"it lands there {late:+.3g} s late": abs(late) / _SAME_TIME,
+        }
+        if max(off.values()) > 1.0:
             raise ValueError(
-                f"it does not step on footstep {number} at ({wanted.x:g}, {wanted.y:g}) m, to {within:g} m: "
-                f"its nearest step is {away:.3g} m off; plan run.footsteps, or leave them out"
+                f"it does not keep to footstep {number + 1} at ({wanted.x:g}, {wanted.y:g}) m: "
+                f"{max(off, key=off.__getitem__)}; plan run.footsteps, or leave them out"
             )
+
+
+def check_duration(duration: float, run: RunParameters) -> None:
+    """Refuse a plan that takes much longer than its run, by a ValueError: standing dilutes all errors."""
+    try:
+        gait = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
+    except RefusedGait:  # a planner may do without the closed form
+        return
+    end = SETTLING
+    for time in [step.time for step in run.footsteps[2:]] or [None] * run.gait.steps:
+        end = (end + gait.single_support_duration if time is None else time) + gait.double_support_duration
+    usual = end + SETTLING + REST
+    if duration > _LONGEST * usual:
+        raise ValueError(
+            f"its walk takes {duration:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of the gait's "
+            "durations, the times of footsteps and rest at both ends"
+        )
 
 
 def judged_facts(plan: WalkPlan) -> tuple[Any, ...]:

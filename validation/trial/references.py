@@ -14,7 +14,7 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
-from validation.trial.plan import check_footsteps, check_judged
+from validation.trial.plan import check_duration, check_footsteps, check_judged
 from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
@@ -70,7 +70,7 @@ class References(Course):
             hold=(self.substeps - 1) * self.time_step,
             slope=self.substeps * self.time_step if gains.hold == "first-order" else 0.0,
         )
-        self.steps, self.footsteps = steps, run.footsteps
+        self.steps, self.run = steps, run
         self.planner, self.controller = planner, controller
         self.period, self._due = replan_period(planner), 0.0
         self.plans: list[FrozenPlan] = []
@@ -120,13 +120,14 @@ class References(Course):
                 raise ValueError(f"the plan made at {time:g} s begins at {begin:g} s; plan from now on")
             check_judged(plan)
             # Two footsteps are stood on at first. A plan may add steps, and a later one leave them out again.
-            due = len(self.footsteps) - 2 if self.steps is None else len(self.step_ends)
+            due = len(self.run.footsteps) - 2 if self.steps is None else len(self.step_ends)
             if plan.contacts.steps < due:
                 raise ValueError(
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
             check_contacts(plan, time, _NEXT, _OUTSIDE)
-            check_footsteps(plan, self.footsteps, _ASIDE)
+            check_footsteps(plan, self.run, _ASIDE)
+            check_duration(float(plan.contacts.step_ends[: self.steps][-1]), self.run)
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:

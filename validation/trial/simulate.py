@@ -24,7 +24,7 @@ from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Estimator
 from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
-from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, pushes_of
+from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, pushes_of, release
 from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
@@ -298,7 +298,7 @@ class ClosedLoop:
         self.physics.engine.step1()
         if not self.disturbances:
             return
-        self.plant.release()
+        release(self.plant)
         for disturbance, users_code in self.disturbances:
             with users_code:
                 disturbance.apply(self.done * self.physics.time_step, self.plant)

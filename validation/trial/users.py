@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ampm
-from ampm.exceptions import AmpmError, InputError, SolverError, words_of
+from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
@@ -63,8 +63,14 @@ class UsersCode:
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
         """Raise an error that names the class."""
         kept = (UsersError, SolverError) if self.walking else AmpmError
+        name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
+        if (
+            isinstance(error, RefusedGait | InputError)
+            and not self.walking
+            and not isinstance(error, UsersError)
+        ):
+            error.add_note(f"so says the {self.what} {name}")
         if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
-            name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
             places = [(path, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
             users = [at for at in places if not any(map(at[0].is_relative_to, _INSTALLED))] or places
@@ -206,7 +212,10 @@ class Role:
         elif is_object and not _is_as_made(factory):
             name = f"<object of {name}>"
         text = f"{kind.__module__}:{name}"
-        return next((name for name, place in self.known.items() if place == text), text)
+        ours = next((name for name, place in self.known.items() if place == text), "")
+        if ours and load_object(self.key, text) is not kind:  # a class that calls itself by our name
+            return f"{kind.__module__}:<class {name}>"
+        return ours or text
 
 
 def _is_as_made(thing: Any) -> bool:

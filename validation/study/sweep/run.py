@@ -168,7 +168,7 @@ def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> For
     """
     check_classes(definition)
     progress, planned = execution.get("progress") or Progress(), len(definition)
-    folder = study_folder(execution) if execution.get("resume") else None
+    folder = study_folder(execution if execution.get("resume") else {**execution, "out": None})
     kept_rows = read_rows(folder) if folder is not None and (folder / ROWS).is_file() else ()
     known = {(row["key"], row["digest"]) for row in kept_rows if row.get("outcome") not in UNFINISHED}
     runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
@@ -190,7 +190,8 @@ def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> For
     refused = SweepTable(build_table(definition, rows), None, definition.name)
     walking = round(planned * (len(tasks) - len(rows)) / len(runs))
     kept = 0 if definition.recordings == "none" else min(definition.worst, walking)
-    workers = min(execution.get("workers") or cores(), planned)
+    processes = execution.get("workers")
+    workers = min(cores() if processes is None else max(processes, 1), planned)
     rounds = math.ceil(walking / workers) + math.ceil(kept / workers)
     numbers = {"runs": planned, "checked": len(runs), "finished": len(runs) - len(tasks)}
     numbers |= {"walking": walking, "kept": kept, "workers": workers}
