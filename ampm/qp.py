@@ -109,7 +109,7 @@ def gather(problem: QPProblem, values: SparseValues) -> float:
     gap = -np.inf
     for i in range(len(lower)):
         values.lower[i], values.upper[i] = max(lower[i], -_INFINITY), min(upper[i], _INFINITY)
-        gap = max(gap, lower[i] - upper[i])
+        gap = max(gap, values.lower[i] - values.upper[i])
     return gap
 
 

@@ -119,8 +119,8 @@ def unpushed_profile(gait: str, run: RunParameters) -> Profile:
 
 def find_profile(name: Profile | str) -> Profile:
     """Look up a profile, unless it is one; raises InputError if it, or that of a limit, is unknown."""
-    if not isinstance(name, Profile) and name not in PROFILES:
-        raise unknown(name, PROFILES, "profile")
+    if not isinstance(name, Profile) and str(name) not in PROFILES:
+        raise unknown(str(name), PROFILES, "profile")
     found = name if isinstance(name, Profile) else PROFILES[name]
     for metric in METRICS.values():
         found.tolerance(metric)

@@ -194,6 +194,8 @@ def judge(
                 judged=limit is not None and not ended and not math.isnan(value),
             )
         )
+    if not ended and not limits:
+        ended = f"The profile {profile.name} has no limits."
     if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
         ended = "Nothing pushed the body off a plan: judge it by another profile."
     if ended:

@@ -299,8 +299,9 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
             f"half of the rows, more than {_LEAN:g}; give both in metres from one origin."
         )
     force = signals["force"][stands]
-    off = com[stands, :2] - zmp[stands] - height[stands, None] * force[:, :2] / force[:, 2:]
-    if (aside := float(np.abs(np.nanmean(off, axis=0)).max()) / middle) > _BIASED:
+    # By weight of the load: of a force that chatters, the direction has no mean.
+    off = force[:, 2:] * (com[stands, :2] - zmp[stands]) - height[stands, None] * force[:, :2]
+    if (aside := float(np.abs(np.nanmean(off, axis=0)).max() / force[:, 2].mean()) / middle) > _BIASED:
         raise InputError(
             f"{name}: the COM is in the mean {aside:.2g} of its height aside of the force through the ZMP, "
             f"more than {_BIASED:g}; give com, zmp and force in one frame, or leave out com."
@@ -308,7 +309,13 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
 
 
 def _check_momentum(signals: Mapping[str, Array], time: Array, name: str) -> None:
-    """Refuse an angular momentum that does not change as the moment of the force about the COM says."""
+    """Refuse an angular momentum that is constant, or does not change as the moment of the force says."""
+    horizontal = signals["angular_momentum"][:, :2] if "angular_momentum" in signals else np.empty((0, 2))
+    for column, values in zip("xy", horizontal.T, strict=True):
+        if values.size and np.nanmax(values) == np.nanmin(values):
+            raise InputError(
+                f"{name}: angular_momentum_{column} is the same in all rows; leave out its columns."
+            )
     if not {"com", "zmp", "angular_momentum"} <= signals.keys():
         return
     height = signals["com"][:, 2] - signals.get("floor", 0.0)

@@ -187,8 +187,6 @@ def _aligned(
     if log.gaps:
         gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
         notes.append(f"{gaps}, are left out.")
-        if not strides:
-            facts["left_out"] = sum(log.gaps) / float(log.time[-1] - log.time[0])
         if len(log.gaps) > _OFTEN * log.time.size:
             notes.append("Every row counts alike: give a log of one rate if it has several.")
     if log.unsupported:
@@ -220,6 +218,9 @@ def _aligned(
             f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
+    if not strides:
+        whole = float(judged.time[-1] - judged.time[0]) + log.time_step
+        facts["left_out"] = max(1.0 - span / whole, 0.0)
     _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:

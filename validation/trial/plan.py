@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -41,6 +41,7 @@ from validation.trial import users
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
+    from ampm.planner.contacts import Contacts
     from ampm.tune.tuning import Tuned
     from ampm.walk import Planner, Replanner, WalkPlan
     from models.scene import BodyModel
@@ -72,8 +73,8 @@ class Request:
         return gait_title(self.name, self.changed)
 
 
-FOOTSTEP_TOLERANCE = 1e-3
-"""Distance up to which a planner steps on a footstep [m]."""
+FOOTSTEP_TOLERANCE, ASIDE = 1e-3, 0.2
+"""Distance up to which a planner steps on a footstep, and when it plans again, as a push may ask for [m]."""
 _SAME_LENGTH = 0.05  # share by which a planner's steps may differ from the gait's without a word
 _SAME_HEADING, _SAME_TIME = 0.2, 0.1  # most difference of a footstep's heading and landing [rad, s]
 _LONGEST = 1.5  # most time of a planner's walk over that of the run's durations [1]
@@ -315,6 +316,7 @@ def plan_walk(
     if body is None:
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
+    replanner: Any = planner if users.replan_period(planner) < math.inf else None
     with (
         progress.stage(f"{request.name}: whole-body motion"),
         _way_out(asked) if checked else users.UsersCode("planner", planner),
@@ -324,10 +326,10 @@ def plan_walk(
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
             _check_plan(plan, run, body.robot)
-            if problem := _check_steps(plan, run, type(planner) is TablePlanner):
+            is_table = type(planner) is TablePlanner
+            if problem := _check_steps(plan, run, is_table=is_table, goes_on=replanner is not None):
                 progress.say(f"{request.name}: the planner {name} plans {problem}")
-    goes_on: Any = planner if users.replan_period(planner) < math.inf else None
-    return PlannedWalk(request, plan, body, name, replanner=goes_on)
+    return PlannedWalk(request, plan, body, name, replanner=replanner)
 
 
 def _check_request(
@@ -339,6 +341,10 @@ def _check_request(
         idle = [name for name in names if run.value(name) != key_info(name).default]
         if idle and run.value(key) == value:
             progress.say(f"{request.name}: {key} = {value} does not use: {', '.join(idle)}")
+    pushes = [f"disturbance.push_{name}" for name in ("at", "duration", "segment")]
+    idle = [key for key in pushes if run.value(key) != key_info(key).default]
+    if idle and not any(run.value(f"disturbance.push_{axis}") for axis in "xyz"):
+        progress.say(f"{request.name}: no force in disturbance.push_x, y or z; not used: {', '.join(idle)}")
     commanded = any(key.startswith("command.") for key in request.changed)
     follows = name == NO_PLAN or not (is_ours or "gait_keys" in says)
     if (commanded or run.command != CommandParameters()) and not follows:
@@ -355,18 +361,22 @@ def _check_request(
         progress.say(f"{request.name}: walks its footsteps, not gait.steps")
     if "gait_keys" in says:
         noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
+        noted = {key for key in noted if run.value(key) != key_info(key).default}
         unused = {*request.changed, *noted} - {*says["gait_keys"]}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the planner {name} does not use: {keys}")
 
 
-def _check_steps(plan: WalkPlan, run: RunParameters, is_table: bool) -> str:
+def _check_steps(plan: WalkPlan, run: RunParameters, *, is_table: bool, goes_on: bool) -> str:
     """Refuse a plan of other footsteps, fewer steps or more time than its run's; words for another length."""
     contacts, wanted = plan.contacts, run.gait.steps
+    ahead = goes_on and not run.footsteps  # what a replanner has planned beyond its steps is not walked
+    until = float(contacts.step_ends[:wanted][-1]) if ahead else contacts.duration
     if is_table:
+        check_duration(contacts, until, None)
         return ""
-    check_footsteps(plan, run, FOOTSTEP_TOLERANCE)
-    check_duration(contacts.duration, run)
+    check_footsteps(plan, run)
+    check_duration(contacts, until, run)
     if run.footsteps:
         if len(contacts.footsteps) > len(run.footsteps):
             raise ValueError(
@@ -377,60 +387,70 @@ def _check_steps(plan: WalkPlan, run: RunParameters, is_table: bool) -> str:
         raise ValueError(
             f"it plans {contacts.steps} of the {wanted} steps of gait.steps; plan all, or lower it"
         )
-    along = np.abs(np.diff([step.position[0] for step in contacts.footsteps]))
+    along = np.abs(np.diff([step.position[0] for step in contacts.footsteps[: wanted + 2]]))
     length, given = float(np.median(along)), run.gait.step_length
     if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
         return f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
     return ""
 
 
-def check_footsteps(plan: WalkPlan, run: RunParameters, within: float) -> None:
-    """Refuse a plan that does not step on the footsteps of its run, to so many metres, by a ValueError.
+def check_footsteps(plan: WalkPlan, run: RunParameters, *, later: bool = False) -> None:
+    """Refuse a plan that does not step on the footsteps of its run, by a ValueError.
 
-    Heights, headings and given times of landing are held more closely. A run without footsteps has none off
-    its floor: the floor of the simulation is where the plan steps.
+    A later plan may step aside, and land at other times. A run without footsteps has none off its floor: the
+    floor of the simulation is where the plan steps.
     """
-    planned, swings = plan.contacts.footsteps, [p for p in plan.contacts.phases if p.kind == "single_support"]
+    planned, within = plan.contacts.footsteps, ASIDE if later else FOOTSTEP_TOLERANCE
+    landings = [p.start + p.duration for p in plan.contacts.phases if p.kind == "single_support"]
     if not run.footsteps and any(abs(step.position[2]) > FOOTSTEP_TOLERANCE for step in planned):
         raise ValueError("it steps off the floor of its run, which has no footsteps; plan all at z = 0")
     if len(planned) < len(run.footsteps):
         raise ValueError(f"it plans {len(planned)} of the {len(run.footsteps)} footsteps of the run")
     for number, (wanted, step) in enumerate(zip(run.footsteps, planned, strict=False)):
         x, y, z = step.position
-        turn = math.remainder(step.heading - wanted.heading, math.tau)
+        away, turn = math.hypot(x - wanted.x, y - wanted.y), step.heading - wanted.heading
         late = 0.0
-        if number > 1 and wanted.time is not None:
-            late = swings[number - 2].start + swings[number - 2].duration - wanted.time
-        off = {
-            f"its footstep is {math.hypot(x - wanted.x, y - wanted.y):.3g} m off": (
-                math.hypot(x - wanted.x, y - wanted.y) / within
-            ),
-            f"it plans the {step.foot} foot there": 2.0 * (step.foot != wanted.foot),
-            f"it plans z = {z:g} m there": abs(z - wanted.z) / FOOTSTEP_TOLERANCE,
-            f"it plans a heading of {step.heading:.3g} rad": abs(turn) / _SAME_HEADING,
-            f"it lands there {late:+.3g} s late": abs(late) / _SAME_TIME,
-        }
-        if max(off.values()) > 1.0:
+        if number > 1 and wanted.time is not None and not later:
+            late = landings[number - 2] - wanted.time
+        wrong = ""
+        if step.foot != wanted.foot:
+            wrong = f"it plans the {step.foot} foot there"
+        elif away > within:
+            wrong = f"its footstep is {away:.3g} m off"
+        elif abs(z - wanted.z) > FOOTSTEP_TOLERANCE:
+            wrong = f"it plans z = {z:g} m there"
+        elif abs(math.remainder(turn, math.tau)) > _SAME_HEADING:
+            wrong = f"it plans a heading of {step.heading:.3g} rad"
+        elif abs(late) > _SAME_TIME:
+            wrong = f"it lands there {late:+.3g} s late"
+        if wrong:
             raise ValueError(
-                f"it does not keep to footstep {number + 1} at ({wanted.x:g}, {wanted.y:g}) m: "
-                f"{max(off, key=off.__getitem__)}; plan run.footsteps, or leave them out"
+                f"it does not keep to footstep {number + 1} at ({wanted.x:g}, {wanted.y:g}) m: {wrong}; plan "
+                "run.footsteps, or leave them out"
             )
 
 
-def check_duration(duration: float, run: RunParameters) -> None:
-    """Refuse a plan that takes much longer than its run, by a ValueError: standing dilutes all errors."""
-    try:
-        gait = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
-    except RefusedGait:  # a planner may do without the closed form
-        return
+def check_duration(contacts: Contacts, until: float, run: RunParameters | None) -> None:
+    """Refuse a walk ``until`` a time [s] that takes much longer than its run, by a ValueError.
+
+    Standing would dilute its errors. A table, which has no run, and a gait without a closed form are held to
+    the median of the plan's own steps.
+    """
+    single, double = 0.0, float(np.median(np.diff(contacts.step_ends, prepend=contacts.step_ends[0] / 2)))
+    times: list[float | None] = [None] * contacts.steps
+    if run is not None:
+        times = [step.time for step in run.footsteps[2:]] or [None] * run.gait.steps
+        with suppress(RefusedGait):
+            gait = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
+            single, double = gait.single_support_duration, gait.double_support_duration
     end = SETTLING
-    for time in [step.time for step in run.footsteps[2:]] or [None] * run.gait.steps:
-        end = (end + gait.single_support_duration if time is None else time) + gait.double_support_duration
+    for time in times:
+        end = (end + single if time is None else time) + double
     usual = end + SETTLING + REST
-    if duration > _LONGEST * usual:
+    if until > _LONGEST * usual:
         raise ValueError(
-            f"its walk takes {duration:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of the gait's "
-            "durations, the times of footsteps and rest at both ends"
+            f"its walk takes {until:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of its steps, the "
+            "times of footsteps and rest at both ends"
         )
 
 

@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.parameters import RunParameters
+from ampm.planner.contacts import TIME_TOLERANCE, Contacts
 from ampm.planner.support import check_contacts
 from ampm.reference import Reference, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
-from validation.trial.plan import check_duration, check_footsteps, check_judged
+from validation.trial.plan import ASIDE, check_duration, check_footsteps, check_judged
 from validation.trial.users import UsersCode, planner_problem, replan_period
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
 _NEXT = 3  # phases of a new plan in which the ZMP is checked: what is planned for later will change
 _OUTSIDE = 0.1  # most distance of its ZMP from the support [m]: after a push a ZMP inside may not suffice
-_ASIDE = 0.2  # most distance of a footstep of the run from it [m]: a push may force a step aside
 _LATE = 0.02  # most time from asking for a plan to its begin [s]: a row of samples at 50 Hz
 
 
@@ -126,8 +126,9 @@ class References(Course):
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
             check_contacts(plan, time, _NEXT, _OUTSIDE)
-            check_footsteps(plan, self.run, _ASIDE)
-            check_duration(float(plan.contacts.step_ends[: self.steps][-1]), self.run)
+            check_footsteps(plan, self.run, later=True)
+            check_duration(plan.contacts, float(plan.contacts.step_ends[: self.steps][-1]), self.run)
+            _check_past(plan.contacts, valid.contacts, time)
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:
@@ -153,3 +154,18 @@ class References(Course):
         ):
             table = table.replace(jumps=np.r_[False, True, table.jumps[2:]])
         return table[len(steps) - len(ticks) :]
+
+
+def _check_past(new: Contacts, old: Contacts, time: float) -> None:
+    """Refuse a later plan with other supports up to its time [s] than the plan in force, by a ValueError.
+
+    A foot may stand somewhat aside of where it was planned.
+    """
+    number, planned = (int(np.searchsorted(one.starts, time - TIME_TOLERANCE)) for one in (new, old))
+    stance = old.stance_codes
+    same = number == planned and np.array_equal(new.stance_codes[:number], stance[:number])
+    if same:
+        stands = np.stack([stance[:number] != 1, stance[:number] != 0], axis=1)  # left and right
+        same = np.abs(new.placements[:number] - old.placements[:number])[stands].max(initial=0.0) <= ASIDE
+    if not same:
+        raise ValueError(f"the plan made at {time:g} s has other supports up to then than the plan in force")
