@@ -125,6 +125,11 @@ def squeezed(plan):
     return replace(plan, contacts=replace(plan.contacts, switches=switches))
 
 
+def hurried(plan):
+    """More of the steps have passed."""
+    return replace(plan, contacts=replace(plan.contacts, switches=0.4 * plan.contacts.switches))
+
+
 @pytest.mark.parametrize(
     ("change", "at", "words"),
     [
@@ -134,6 +139,7 @@ def squeezed(plan):
         (lambda plan: replace(plan, com_height=np.nan), 0.1, "'com' of its plan"),
         (refuse, 0.1, r"the planner Replanning failed \(BodilyRefusal: the step is long"),
         (squeezed, 0.1, "it swings a foot in 0.01 s"),
+        (hurried, 0.3, "other supports up to then than the plan in force"),
     ],
 )
 def test_errors_on_the_way_end_the_walk(change, at, words):

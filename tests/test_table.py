@@ -9,16 +9,18 @@ import ampm
 import validation as val
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
-from ampm.exceptions import BodilyRefusal
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPlan, PlanConstants
+from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
 from ampm.planner.table import repeats, table_motion
 from ampm.planners import TablePlanner
 from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
+from validation.trial.plan import Request, plan_walk
 from validation.trial.users import read_columns
 
 STEPS = 3
@@ -158,3 +160,18 @@ def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
     assert trial.verdict.passed, trial.verdict.reason
     for name in ("zmp_x_rmse", "zmp_y_rmse"):
         assert trial.metrics[name].value == pytest.approx(own.metrics[name].value, abs=2e-5)
+
+
+def test_a_table_may_not_stand_long():
+    """Rest would dilute the errors of its steps."""
+    walk = plan_footstep_walk(
+        ampm.load_run("flat", footsteps=routes.as_rows(routes.straight(4, 0.3, 0.2))), body_of().description
+    )
+    table = table_of(walk)
+    still = {name: np.full(6000, column[-1]) for name, column in table.items()}
+    still["time"] = table["time"][-1] + 0.005 * (1.0 + np.arange(6000))
+    longer = {name: np.concatenate([column, still[name]]) for name, column in table.items()}
+    run = ampm.load_run("flat")
+    plan_walk(Request("table", run), planner=TablePlanner(table))
+    with pytest.raises(InputError, match=r"takes 3\d.* s, more than 1.5 times the 6.0.* s of its steps"):
+        plan_walk(Request("table", run), planner=TablePlanner(longer))

@@ -125,10 +125,10 @@ class References(Course):
                 raise ValueError(
                     f"the plan made at {time:g} s has {plan.contacts.steps} of the walk's {due} steps"
                 )
+            _check_past(plan.contacts, valid.contacts, time)
             check_contacts(plan, time, _NEXT, _OUTSIDE)
             check_footsteps(plan, self.run, later=True)
             check_duration(plan.contacts, float(plan.contacts.step_ends[: self.steps][-1]), self.run)
-            _check_past(plan.contacts, valid.contacts, time)
         self.follow(plan)
 
     def _walk(self) -> Iterator[Reference]:
