@@ -298,7 +298,7 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
             f"{name}: com and zmp are {lean:.3g} times the COM's height or more apart along the floor in "
             f"half of the rows, more than {_LEAN:g}; give both in metres from one origin."
         )
-    force = signals["force"][stands]
+    force = signals["force"][stands] / np.nanmax(np.abs(signals["force"]), initial=weight)
     # By weight of the load: of a force that chatters, the direction has no mean.
     off = force[:, 2:] * (com[stands, :2] - zmp[stands]) - height[stands, None] * force[:, :2]
     if (aside := float(np.abs(np.nanmean(off, axis=0)).max() / force[:, 2].mean()) / middle) > _BIASED:
