@@ -87,14 +87,11 @@ structref.define_boxing(HandleType, structref.StructRefProxy)
 
 
 def refer(parts: Any) -> Any:
-    """One reference to all fields of a named tuple, nested ones included.
+    """One reference to all fields of a named tuple of arrays, numbers and such named tuples.
 
     Compiled functions read the fields by the same names. As an argument a named tuple is unpacked at every
     call, 60 ns for each array; a reference is not. Arrays are shared; numbers are copied and stay. Python
     cannot read a reference: keep the named tuple beside it. Under ``NUMBA_DISABLE_JIT=1`` it is its argument.
-
-    Args:
-        parts: a named tuple of arrays, numbers and such named tuples.
     """
     return parts if config.DISABLE_JIT else _refer_to(parts)
 

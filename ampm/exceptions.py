@@ -74,9 +74,7 @@ def words_of(error: BaseException) -> str:
 class StudyStopped(AmpmError):
     """A study cannot go on: a full disk, a lost scheduler, a worker that cannot work. Finished runs are kept.
 
-    Args:
-        reason: what stopped it.
-        way_out: what to do before it goes on.
+    ``reason`` is what stopped it, ``way_out`` what to do before it goes on.
     """
 
     def __init__(self, reason: str, way_out: str) -> None:

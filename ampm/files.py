@@ -17,8 +17,7 @@ LARGEST_TABLE = 2**31
 def check_regular(path: Path) -> None:
     """Refuse what is there and is not a regular file: a pipe would wait for its writer, a device has no end.
 
-    Raises:
-        InputError: it is a folder, a pipe or a device.
+    Raises InputError of a folder, a pipe or a device.
     """
     if path.exists() and not path.is_file():
         wrong = "a folder; name a file of it" if path.is_dir() else "not a regular file; name another"
@@ -28,9 +27,8 @@ def check_regular(path: Path) -> None:
 def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
     """Read a file.
 
-    Raises:
-        FileNotFoundError, NotADirectoryError: there is no such file.
-        InputError: it is not a regular file, too large, or cannot be read.
+    Raises FileNotFoundError or NotADirectoryError if there is none, InputError if it is not a regular file,
+    too large, or cannot be read.
     """
     try:
         check_regular(path)
@@ -58,11 +56,7 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
 
 
 def check_columns(names: Iterable[str], path: Path) -> None:
-    """Refuse a table in which two columns have one name, or no comma is between them.
-
-    Raises:
-        InputError: says so.
-    """
+    """Refuse a table in which two columns have one name, or no comma is between them, by an InputError."""
     names = list(names)
     if len(names) == 1 and ";" in names[0]:
         raise InputError(

@@ -35,8 +35,7 @@ def product(a: Array, b: Array) -> Array:
 def solved(matrix: Array, right: Array) -> Array:
     """Solution of a symmetric positive definite system, shapes (n, n) and (n,).
 
-    Raises:
-        LinAlgError: it is not positive definite.
+    Raises LinAlgError if it is not positive definite.
     """
     system = np.empty((len(matrix), len(matrix) + 1))
     system[:, :-1] = matrix
@@ -51,8 +50,7 @@ def solved(matrix: Array, right: Array) -> Array:
 def triangular(system: Array) -> bool:
     """Eliminate below the diagonal; whether the matrix is positive definite.
 
-    Args:
-        system: matrix and right-hand sides, shape (n, n + r). Of the matrix, the upper half is used.
+    The system is matrix and right-hand sides, shape (n, n + r); of the matrix, the upper half is used.
     """
     count, width = system.shape
     for c in range(count):

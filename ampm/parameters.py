@@ -434,10 +434,8 @@ def _split_names(table: Mapping[str, Any]) -> dict[str, Any]:
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """A table of sections with changes. Options of a class that gives way to another one are left out.
 
-    Options beside a default name are meant for a class that is still to be named.
-
-    Raises:
-        InputError: an option has two values in one of both.
+    Options beside a default name are meant for a class that is still to be named. Raises InputError if an
+    option has two values in one of both.
     """
     table, changes = _split_names(table), _split_names(changes)
     for options, name in OPTION_TABLES.items():
@@ -467,11 +465,7 @@ def is_option(key: str) -> bool:
 
 
 def field_of(key: str) -> Any:
-    """Field of a namespaced key; of an option that of its table.
-
-    Raises:
-        InputError: there is no such key; the nearest is named.
-    """
+    """Field of a key, of an option that of its table; InputError, with the nearest, if there is none."""
     table = key.rpartition(".")[0] if is_option(key) else key
     if table not in FIELDS:
         raise unknown(key, KEYS)
@@ -479,11 +473,7 @@ def field_of(key: str) -> Any:
 
 
 def put(table: dict[str, Any], key: str, value: Any) -> None:
-    """Set a namespaced key in a table of sections.
-
-    Raises:
-        InputError: there is no such key.
-    """
+    """Set a namespaced key in a table of sections; raises InputError if there is no such key."""
     field_of(key)
     *sections, name = key.split(".")
     for section in sections:

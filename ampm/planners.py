@@ -66,9 +66,7 @@ class PeriodicPlanner:
 def periodic_walk(steps: StepPlan, repeated: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     """A plan of equal steps, with the periodic motion of those that it repeats without a slope across.
 
-    Raises:
-        BodilyRefusal: the body cannot walk it.
-        InputError: the grid is too coarse for the posture's gains.
+    Raises BodilyRefusal and InputError as :meth:`PeriodicPlanner.plan`.
     """
     check_body(repeated, robot.description)
     # Imported here, as the inverse kinematics is compiled.
@@ -311,11 +309,7 @@ class FootstepPlanner:
 
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A walk from rest to rest with a constant posture.
-
-    Raises:
-        BodilyRefusal: the body cannot walk it.
-    """
+    """A walk from rest to rest with a constant posture; BodilyRefusal if the body cannot walk it."""
     # Imported here, as the inverse kinematics is compiled.
     from ampm.body.walk_motion import check_walk
 

@@ -179,10 +179,7 @@ def reference_type(nq: int, nv: int) -> np.dtype[Any]:
     """One row of a table of references, which a controller copies at once.
 
     The same object for the same body: NumPy copies a row of the very same type four times as fast.
-
-    Args:
-        nq: size of Pinocchio's configuration.
-        nv: size of its velocity.
+    ``nq`` and ``nv`` are the sizes of Pinocchio's configuration and velocity.
     """
     sizes: dict[int | str, int | str] = {"nq": nq, "nv": nv}
     fields: list[Any] = []

@@ -53,8 +53,7 @@ def load_run(
 def _read_source(source: str) -> dict[str, Any]:
     """Table of a preset or of a TOML file, in which files beside it have absolute paths.
 
-    Raises:
-        InputError: there is neither; or what is there is no readable TOML.
+    Raises InputError if there is neither, or what is there is no readable TOML.
     """
     if not source:
         raise InputError("the name of the gait is empty; give a preset, a TOML file, or leave it out.")
@@ -117,11 +116,7 @@ class KeyInfo:
 
 @cache
 def key_info(key: str) -> KeyInfo:
-    """Information about a key, from the field of its section.
-
-    Raises:
-        InputError: there is none of this name; the nearest is named.
-    """
+    """Information about a key, from its section's field; InputError, with the nearest, if there is none."""
     field = field_of(key)
     kinds: Mapping[Any, Any] = {str: "text", int: "int", Options: "option"}
     options = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
@@ -147,9 +142,7 @@ def find_keys(*words: str) -> tuple[KeyInfo, ...]:
 
     The name of a section fits the keys of this section. Any other word, and ``planner``, fits the keys that
     have it in their name or meaning, in upper or lower case. Options of users' classes are one key a class.
-
-    Raises:
-        InputError: no key fits.
+    Raises InputError if no key fits.
     """
 
     def fits(info: KeyInfo, word: str) -> bool:

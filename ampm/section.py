@@ -190,19 +190,13 @@ def _with_unit(value: Any, field: Any) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """Table of a TOML file; a byte order mark is skipped.
 
-    Raises:
-        FileNotFoundError, NotADirectoryError: there is no such file.
-        InputError: it cannot be read, or is not valid TOML.
+    Raises as :func:`ampm.files.read_file`, and InputError if it is not valid TOML.
     """
     return parse_toml(read_text(path), f"the file {str(path)!r}")
 
 
 def parse_toml(text: str, what: str) -> dict[str, Any]:
-    """Table of a TOML text; ``what`` names it in the message.
-
-    Raises:
-        InputError: no valid TOML, or nested too deeply.
-    """
+    """Table of a TOML text, which ``what`` names in the InputError of no valid TOML, or nested too deeply."""
     try:
         return tomllib.loads(text)
     except RecursionError:

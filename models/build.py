@@ -11,8 +11,7 @@ from models.tree import Tree
 def build_body(run: RunParameters) -> BodyModel:
     """Build the body that ``body.source`` of a run names, with its contact, time step and integrator.
 
-    Raises:
-        InputError: there is no such body, or its description or source is not usable.
+    Raises InputError if there is no such body, or its description or source is not usable.
     """
     if run.body.source == HUMAN:
         return build_human(run)

@@ -94,10 +94,8 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> tuple
 def _images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> tuple[list[int], float]:
     """Number of the image of each hinge, and the largest distance of a hinge from its image's image [m].
 
-    Two hinges at one place, such as clavicles, are told apart by the hinges that hang on them.
-
-    Raises:
-        InputError: a hinge has none within ``near`` [m].
+    Two hinges at one place, such as clavicles, are told apart by the hinges that hang on them. Raises
+    InputError if a hinge has no image within ``near`` [m].
     """
     hinges = [hinge for segment in segments for hinge in segment.joints]
     places = np.array([segment.place + hinge.anchor for segment in segments for hinge in segment.joints])
@@ -159,14 +157,10 @@ def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> tuple[Ar
 
 
 def _mean_segments(segments: Sequence[Segment], pairs: Sequence[int]) -> tuple[float, float, float]:
-    """Make segments the mirror images of each other.
+    """Make segments the mirror images of each other; largest differences of both sides.
 
-    Returns:
-        Largest differences of both sides: of places [m], of COMs times their share of the mass [m], of
-        masses [kg].
-
-    Raises:
-        InputError: a segment does not hang on the image of what its image hangs on, or nothing has a mass.
+    They are of places [m], of COMs times their share of the mass [m], of masses [kg]. Raises InputError if a
+    segment does not hang on the image of what its image hangs on, or nothing has a mass.
     """
     before = [replace(segment) for segment in segments]
     total = sum(segment.inertial.mass for segment in before)

@@ -94,11 +94,7 @@ def known_bodies() -> tuple[str, ...]:
 
 
 def body_path(source: str) -> Path:
-    """Description file of a body, by name or path.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Description file of a body, by name or path; raises InputError if there is none."""
     if source in known_bodies():
         return FOLDER / f"{source}.toml"
     path = Path(source)
@@ -114,24 +110,12 @@ def body_path(source: str) -> Path:
 
 
 def read_body_file(path: Path) -> BodyFile:
-    """Read a description file.
-
-    Raises:
-        InputError: it is not TOML, or a key is unknown, missing or bad.
-    """
+    """Read a description file; raises InputError if it is no TOML, or a key is unknown, missing or bad."""
     return _File(**read_toml(path)).body
 
 
 def source_path(source: str, folder: Path) -> Path:
-    """File of a source.
-
-    Args:
-        source: of a description file.
-        folder: of that file.
-
-    Raises:
-        InputError: there is no such package or file.
-    """
+    """File of the source in a description, by its folder; InputError if there is no such package or file."""
     package, colon, name = source.partition(":")
     if not colon:
         path = folder / source
@@ -155,12 +139,8 @@ def source_path(source: str, folder: Path) -> Path:
 def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjModel, dict[str, float]]:
     """The model of a file, and the speed limits [rad/s] that MuJoCo does not keep, by joint.
 
-    Args:
-        path: MJCF or URDF.
-        balance: ``balance_inertia`` of :class:`BodyFile`.
-
-    Raises:
-        InputError: it cannot be read or compiled.
+    The file is MJCF or URDF; ``balance`` is ``balance_inertia`` of :class:`BodyFile`. Raises InputError if it
+    cannot be read or compiled.
     """
     speeds: dict[str, float] = {}
     try:
@@ -206,11 +186,7 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
 
 
 def _check_numbers(model: mujoco.MjModel) -> None:
-    """Refuse a model without joints, or with numbers that are not finite.
-
-    Raises:
-        ValueError: names the first link or joint.
-    """
+    """Refuse a model without joints, or with a number that is not finite, by a ValueError that names it."""
     if not model.njnt:
         raise ValueError("it has no joints")
     for what, fields in (
@@ -232,9 +208,8 @@ def _check_numbers(model: mujoco.MjModel) -> None:
 def _readable_urdf(tree: ET.Element) -> dict[str, float]:
     """Refuse what MuJoCo reads in another way, and say how it is to read the rest; speed limits.
 
-    Raises:
-        ValueError: a name stands twice, not all links hang on one, or a mass or limit is negative or out of
-            order.
+    Raises ValueError if a name stands twice, not all links hang on one, or a mass or limit is negative or out
+    of order.
     """
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in tree.findall(kind)]

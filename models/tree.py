@@ -51,12 +51,8 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
 def upright_axes(data: mujoco.MjData, feet: Sequence[int]) -> Array:
     """Forward, left and up as rows, shape (3, 3): the feet are under the hips along an axis of the model.
 
-    Args:
-        data: with the places of all segments.
-        feet: segments of the left and the right foot.
-
-    Raises:
-        InputError: both feet are at one place.
+    The data have the places of all segments; ``feet`` are those of the left and the right foot. Raises
+    InputError if both are at one place.
     """
     left, right = data.xpos[feet]
     lines = [_line(data.model, foot) for foot in feet]
@@ -164,11 +160,7 @@ class Tree:
         return any(pattern.fullmatch(joint) for pattern in self.file.lock)
 
     def body(self, name: str, role: str) -> int:
-        """Number of a segment of the source.
-
-        Raises:
-            InputError: there is none of this name.
-        """
+        """Number of a segment of the source; raises InputError if there is none of this name."""
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
         if number < 0:
             known = (self.model.body(i).name for i in range(1, self.model.nbody))
@@ -176,11 +168,7 @@ class Tree:
         return int(number)
 
     def joint(self, name: str, role: str) -> int:
-        """Number of a hinge.
-
-        Raises:
-            InputError: there is none of this name.
-        """
+        """Number of a hinge; raises InputError if there is none of this name, or it is locked."""
         if self._is_locked(name):
             raise InputError(f"{role} names the joint {name!r}, which lock welds; leave it out of one.")
         if name not in self.index:

@@ -72,11 +72,7 @@ def check_body(plan: StepPlan, description: BodyDescription, phases: int | None 
 
 
 def check_motion(report: MotionReport, description: BodyDescription) -> None:
-    """Refuse a motion that is not periodic or exceeds the range of a joint.
-
-    Raises:
-        BodilyRefusal: it is one of these.
-    """
+    """Refuse a motion that is not periodic or exceeds the range of a joint, by a BodilyRefusal."""
     knee, joint, parts = report.knee_minimum, report.joint_limit_margin, report.clearance
     turn = "the motion's end is not a mirror image of its start: the largest difference"
     straight = f"the {knee.where} knee straightens at {knee.time:.3f} s of the step: its flexion"

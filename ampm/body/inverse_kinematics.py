@@ -113,8 +113,7 @@ class InverseKinematics:
     def project(self, reference: StepReference, k: int, q: Array, v: Array) -> tuple[Array, Array]:
         """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
 
-        Raises:
-            Unreachable: Newton does not converge; the legs are too short for this instant.
+        Raises Unreachable if Newton does not converge: the legs are too short for this instant.
         """
         q = q.copy()
         try:
@@ -129,21 +128,15 @@ class InverseKinematics:
     def upright(self, reference: StepReference, k: int, q: Array) -> Array:
         """Configuration on the constraints at grid node k that is nearest to the upright posture.
 
-        Raises:
-            Unreachable: no such configuration was found.
+        Raises Unreachable if none was found.
         """
         return self.project(reference, k, upright(self.body, reference, k, q), np.zeros(self.robot.nv))[0]
 
     def integrate(self, reference: StepReference, q: Array, v: Array) -> StepTrajectory:
         """Integrate a step from a state that is projected on the constraints first.
 
-        Args:
-            reference: the step's tasks on its grid.
-            q: start configuration, shape (nq,).
-            v: start velocity, shape (nv,).
-
-        Raises:
-            Unreachable: the legs cannot follow.
+        The reference has the step's tasks on its grid; the state is q, shape (nq,), and v, shape (nv,).
+        Raises Unreachable if the legs cannot follow.
         """
         n, nv = len(reference.time), self.robot.nv
         step = StepTrajectory(

@@ -77,11 +77,7 @@ class Limit:
 
 
 def check(limits: Iterable[tuple[Limit, float]]) -> None:
-    """Refuse the first value that is beyond its limit.
-
-    Raises:
-        BodilyRefusal: there is one.
-    """
+    """Refuse the first value that is beyond its limit, by a BodilyRefusal."""
     for limit, value in limits:
         if limit.broken(value):
             raise limit.refusal(value)

@@ -75,12 +75,8 @@ class WholeBodyMotion(Brief, ReadOnly):
     def sample(self, times: ArrayLike, robot: Robot) -> PostureState:
         """Evaluate the tiled motion by cubic Hermite interpolation between grid nodes.
 
-        Args:
-            times: from the start of the first step on, shape (N,) [s].
-            robot: the body, for its mirror map and its trunk.
-
-        Raises:
-            InputError: a negative time.
+        Times count from the start of the first step, shape (N,) [s]; a negative one raises InputError. The
+        body has the mirror map and the trunk.
         """
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if t.size and t.min() < -1e-9:

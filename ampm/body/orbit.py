@@ -78,9 +78,7 @@ def start_across(steps: StepPlan, posture: PeriodicPosture, run: RunParameters) 
     """State at the start of a walk across a slope, whose posture is that of level ground.
 
     One leg is longer than the other there, so no step is the mirror image of the one before: two are checked.
-
-    Raises:
-        BodilyRefusal: a leg does not reach the start, or others for too long, or parts come too close.
+    Raises BodilyRefusal if a leg does not reach the start, or others for too long, or parts come too close.
     """
     robot, ik = posture.robot, InverseKinematics(posture.robot, run)
     times = np.arange(0.0, min(2.0 * steps.constants.step_duration, steps.duration), COARSE_STEP)

@@ -68,11 +68,7 @@ class StepMap:
         return pin.integrate(self.ik.robot.model, self.origin, plain[:nv]), plain[nv:-1], float(plain[-1])
 
     def step(self, z: Array) -> StepTrajectory:
-        """Integrate the step.
-
-        Raises:
-            Unreachable: the body cannot follow.
-        """
+        """Integrate the step; raises Unreachable if the body cannot follow."""
         q, v, offset = self.decode(z)
         return self.ik.integrate(self._with(offset), q, v)
 
@@ -105,8 +101,7 @@ class StepMap:
     def guess(self) -> Array:
         """First guess: a few plain steps damp the fast modes; the slow mean trunk pitch is set directly.
 
-        Raises:
-            Unreachable: the body cannot even stand at the start of the step, or walk these steps.
+        Raises Unreachable if the body cannot even stand at the start of the step, or walk these steps.
         """
         robot = self.ik.robot
         body = robot.description
@@ -233,12 +228,8 @@ def newton(
 def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
     """Fixed point of a map from a body that stands upright, else from the periodic steps of easier ones.
 
-    Args:
-        step_map: the map.
-        tolerance: of the residual [rad, m, rad/s, m/s].
-
-    Raises:
-        Unreachable: none was found; ``drop`` is by how much lower the COM of one is.
+    The tolerance is that of the residual [rad, m, rad/s, m/s]. Raises Unreachable if none was found; its
+    ``drop`` is by how much lower the COM of one is.
     """
     try:
         return newton(step_map, step_map.guess(), tolerance)

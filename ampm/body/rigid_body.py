@@ -93,8 +93,7 @@ class Frame:
 def tree_of(model: pin.Model) -> Records:
     """The tree of a Pinocchio model, one entry per joint.
 
-    Raises:
-        InputError: the first joint is not free, or another one is not a hinge.
+    Raises InputError if the first joint is not free, or another one is not a hinge.
     """
     tree = records(model.njoints - 1, Joint)
     for i in range(len(tree)):

@@ -39,14 +39,7 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
     """The run of another body than the human with its mass and height, and a gait of its size.
 
     Values that are set stay; those of :data:`ampm.parameters.OPEN_KEYS` stay open. What it returns is
-    returned unchanged.
-
-    Args:
-        run: as the user has it.
-        description: of the body that ``body.source`` names.
-
-    Raises:
-        InputError: mass or height are set, and not those of the body.
+    returned unchanged. Raises InputError if mass or height are set, and not those of the body described.
     """
     for key, value in (("body.mass", description.mass), ("body.height", description.height)):
         if key in run.given and run.value(key) != value:

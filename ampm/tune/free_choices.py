@@ -153,11 +153,7 @@ class FreeChoices:
     # -------------------------------------------------------------- parameters
 
     def parameters(self, choice: Mapping[str, float]) -> RunParameters:
-        """The run with these choices.
-
-        Raises:
-            RefusedGait: the formula has no solution for them.
-        """
+        """The run with these choices; raises RefusedGait if the formula has no solution for them."""
         h, ball = self.description.height, self.sole.ball_x
         run = self._replaced(
             self.run,
@@ -238,8 +234,7 @@ class FreeChoices:
     def guess(self) -> dict[str, float]:
         """Choices by closed-form rules, scaled with stature and step.
 
-        Raises:
-            MathematicalRefusal: no share of single support and no roll lets the COM pass over the foot.
+        Raises MathematicalRefusal if no share of single support and no roll lets the COM pass over the foot.
         """
         gait, h = self.run.gait, self.description.height
         stride = float(np.clip((gait.step_length / h - 0.06) / (0.353 - 0.06), 0.0, 1.2))

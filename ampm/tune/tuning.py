@@ -112,11 +112,7 @@ def tune(run: RunParameters, robot: Robot, *, progress: Report | None = None, ad
 
 
 def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> Tuned:
-    """A run whose choices are made by a search of some effort.
-
-    Raises:
-        InputError, MathematicalRefusal, NoFeasibleChoice: as :func:`tune`.
-    """
+    """A run whose choices are made by a search of some effort; raises as :func:`tune`."""
     if not run.gait.c_y > 0.0:
         plan_gait(run.gait, run.body.mass)  # refuses it, with a better message than a failed search
     space = FreeChoices(run, run.given, robot.description, _PELVIS)
@@ -136,8 +132,7 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
 def _check_pace(space: FreeChoices) -> None:
     """Refuse steps that are too short in time whatever is chosen, before a search finds that out.
 
-    Raises:
-        NoFeasibleChoice: they are.
+    The error is a NoFeasibleChoice.
     """
     try:
         duration = plan_gait(space.longest(), space.run.body.mass).constants.step_duration
@@ -167,9 +162,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
 def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> Tuned:
     """The best choice of the first search that finds one, with its plan over all steps and its motion.
 
-    Raises:
-        MathematicalRefusal: there is no guess.
-        NoFeasibleChoice: none finds one, or its motion is refused.
+    Raises MathematicalRefusal without a guess, NoFeasibleChoice if none finds one, or its motion is refused.
     """
     searches: list[ChoiceSearch] = []
     refusal = None
