@@ -57,7 +57,7 @@ class GaitParameters(Section, section="gait"):
         "for a controller that walks by itself",
         min_length=1,
     )
-    com_height: Open = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=100)
+    com_height: Open = parameter(0.865, "constant height of the COM over the floor (H)", "m", gt=0, le=10)
     step_length: Real = parameter(
         0.6,
         "distance of successive footprints of opposite feet along x (2 (l_s + l_d)); "

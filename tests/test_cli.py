@@ -31,7 +31,7 @@ def test_keys_by_section_by_word_and_by_both(ampm):
 
     [height] = ampm("keys", "gait.com_height", "--set", "gait.com_height=0.8", "--json").json
     facts = [height[name] for name in ("unit", "bounds", "default", "value")]
-    assert facts == ["m", "> 0, <= 100", 0.865, 0.8]
+    assert facts == ["m", "> 0, <= 10", 0.865, 0.8]
 
     every = list(KEYS)
     assert [key for key in found() if key not in OPTION_TABLES] == every

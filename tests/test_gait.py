@@ -120,7 +120,7 @@ WIDE = gaits(
 WALKABLE = gaits(
     (0.5, 1.2), (0.1, 0.9), (0.3, 2.5), (0.3, 0.95), (2, 20), (0.7, 2), (0.01, 1.5), (0.05, 0.4), steps=12
 )
-NUMBERS = ((TINY, 100), (TINY, 100), (TINY, 100), (TINY, math.nextafter(1.0, 0.0)))
+NUMBERS = ((TINY, 10), (TINY, 100), (TINY, 100), (TINY, math.nextafter(1.0, 0.0)))
 EDGE = gaits(*NUMBERS, (TINY, None), (-100, 100), (-100, 100), (TINY, 100), steps=5)
 PLAIN = gaits(*NUMBERS, (math.inf, math.inf), (1, 1), (1, 1), (TINY, 100), steps=5, planner=st.just("lipm"))
 

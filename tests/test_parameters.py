@@ -14,7 +14,7 @@ from ampm.run_file import dump_run, key_info, load_run
 
 
 @given(
-    com_height=st.floats(1e-6, 100.0, exclude_min=True),
+    com_height=st.floats(1e-6, 10.0, exclude_min=True),
     c_s=st.floats(-100, 100).filter(lambda value: value == 0.0 or abs(value) > 1e-60),
     a_s=st.one_of(st.just(math.inf), st.floats(1e-60, allow_infinity=False)),
     friction=st.floats(0.1, 10),
