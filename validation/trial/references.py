@@ -15,8 +15,8 @@ from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS
 from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.physics import Physics
-from validation.trial.plan import ASIDE, check_duration, check_footsteps, check_judged
 from validation.trial.users import UsersCode, planner_problem, replan_period
+from validation.trial.users_plan import ASIDE, check_duration, check_footsteps, check_judged
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]

@@ -29,7 +29,7 @@ from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
-from validation.trial.plan import PlannedWalk, judged_facts
+from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
@@ -37,6 +37,7 @@ from validation.trial.scene import surfaces
 from validation.trial.step import act, end_step, sense
 from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
+from validation.trial.users_plan import judged_facts
 from validation.trial.watch import Watch
 
 _PROGRESS_STEPS = 50
