@@ -173,9 +173,8 @@ def _recovery_time(walk: Comparison) -> float | None:
         found = metric.tolerances.get(walk.unpushed, metric.tolerances.get("default"))
         if found is not None and not (walk.unpushed == "odometry" and name.startswith(("zmp_x", "zmp_y"))):
             limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
-    step = max(
-        round(float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0))) / record.time_step), 1
-    )
+    duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
+    step = max(round(duration / record.time_step), 1)
     within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
     for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
         error = np.nan_to_num(np.abs(value - reference), nan=np.inf)

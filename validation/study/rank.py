@@ -225,8 +225,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     walkable = {(tasks[row], replicas[row]) for row in np.flatnonzero(~refused)}
     for place, found in groups.items():
         rows = np.array(found)
-        asked = [(place[0], replicas[row]) in walkable for row in found]
-        tried = rows[~refused[rows] if refused[rows].all() else asked]
+        asked = np.array([(place[0], replicas[row]) in walkable for row in found])  # by any planner
+        tried = rows[asked & ~refused[rows].all()]  # none of a task that it leaves out
         if table.is_state(*BROKEN)[tried].all():  # no answer about its walk
             tried = tried[:0]
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}

@@ -62,6 +62,8 @@ class UsersCode:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
         """Raise an error that names the class."""
+        if error is None:  # nearly always, at every control tick
+            return
         kept = (UsersError, SolverError) if self.walking else AmpmError
         name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
         if (
