@@ -126,10 +126,14 @@ def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
 def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     plan, record, measured = walk
     force, zmp = np.zeros((record.steps, 1, 3)), measured.zmp.copy()
+    step = round(plan.constants.step_duration / record.time_step)
     force[[100, 200]], zmp[210:250, 1] = 10.0, 0.5
     pushed = replace(record, external_segments=("thorax",), external_force=force)
     recovery = evaluate(compare(plan, pushed, replace(measured, zmp=zmp)))["recovery_time"]
     assert recovery == pytest.approx(49 * record.time_step)
+    again = zmp.copy()
+    again[-step:, 1] = 0.5  # in the last step
+    assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=again)))["recovery_time"])
     still = replace(plan.constants, single_support_duration=0.0, double_support_duration=0.0)
     found = compare(replace(plan, constants=still), pushed, replace(measured, zmp=zmp))
     assert evaluate(found)["recovery_time"] == recovery

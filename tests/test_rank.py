@@ -85,7 +85,7 @@ def test_few_replicas_decide_nothing_and_without_a_walk_there_is_no_rank():
     for share, decided in ((0.05, False), (0.2, True)):  # numerical uncertainty of a tenth
         worse = replace(other, errors={at: error + share * one.error for at, error in one.errors.items()})
         assert found.better(one, worse) is decided
-    less = replace(one, survived=one.survived - 1)
+    less = replace(one, completed={**one.completed, next(iter(one.completed)): False})
     assert not found.better(one, less)
 
 
@@ -127,6 +127,31 @@ def test_a_walk_without_an_error_has_no_rank():
     found = rank(league(0, change))
     assert ("normal", "dcm") not in found.ranks
     assert ("normal", "ipm") in found.ranks
+
+
+def test_a_walk_that_completes_without_a_verdict_survives():
+    """Such as one that has not recovered from a push at its end."""
+    found = rank(league(0, lambda task, planner, row: row | {"verdict": "not_measured"}))
+    cell = next(cell for cell in found.cells if cell.name == "dcm")
+    assert (cell.survived, cell.runs, len(cell.errors)) == (8, 8, 8)
+
+
+def test_a_walk_whose_measurement_fails_a_check_does_not_count():
+    def change(task, planner, row):
+        return row | ({"failed": "zmp_x_rmse,zmp_agreement_rmse"} if planner == "dcm" else {})
+
+    found = rank(league(0, change))
+    assert not [name for _, name in found.ranks if name == "dcm"]
+    cell = next(cell for cell in found.cells if cell.name == "dcm")
+    assert (cell.runs, cell.notes[0]) == (0, "8 fail a check of the measurement and do not count")
+
+
+def test_survival_of_other_replicas_is_not_compared():
+    found = rank(league(0))
+    one, other = (c for c in found.cells if c.task == "flat" and c.name in ("ampm", "lipm"))
+    assert found.better(one, other)
+    elsewhere = replace(other, completed={(*at, "another"): end for at, end in other.completed.items()})
+    assert not found.better(one, elsewhere)
 
 
 def test_the_worst_run_is_the_one_that_ended_first():

@@ -158,11 +158,11 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Time from the end of the last push until every error stays within its limits for one step [s].
+    """Time from the end of the last push until every error stays within its limits, for a step or more [s].
 
     Infinite if they do not within its own limit, NaN if the walk ends before that; None if nothing pushed the
-    body, or without a plan. Limits of the RMS and largest error over a step are those that the walk has if
-    nothing pushes it.
+    body, or without a plan. Limits of the RMS and largest error over each step until the end are those that
+    the walk has if nothing pushes it.
     """
     record = walk.record
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
@@ -185,9 +185,10 @@ def _recovery_time(walk: Comparison) -> float | None:
         }
         for statistic, values in ahead.items():
             within &= values <= limits.get(f"{name}_{statistic}", math.inf)
-    begins = np.flatnonzero(within[pushed[-1] + 1 :])
+    after = within[pushed[-1] + 1 :]
+    begin = int(np.append(-1, np.flatnonzero(~after))[-1]) + 1
     ends = record.time_step * (len(within) - pushed[-1]) < METRICS["recovery_time"].tolerances["pushed"]
-    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf
+    return begin * record.time_step if begin < len(after) else math.nan if ends else math.inf
 
 
 def _cost(walk: Comparison, name: str) -> float:

@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from validation.judge.metrics import METRICS
 from validation.store.json import json_ready
 from validation.study.sweep.design import ENGINE_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
@@ -51,23 +52,24 @@ class TaskResult:
     effort: float  # median of their mechanical cost of transport [1]
     # how runs ended otherwise, with the sentence of the first; how many were equal; another speed
     notes: tuple[str, ...]
-    # by the other varied values of each completed walk [m]
+    # by the other varied values: of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
+    # likewise, of each run that should have walked
+    completed: Mapping[tuple[Any, ...], bool] = field(repr=False)
 
     @property
     def is_ranked(self) -> bool:
         """Whether it walked, and its walks have an error, unless none completed."""
         return self.runs > 0 and (not self.survived or math.isfinite(self.error))
 
-    @cached_property
+    @property
     def interval(self) -> tuple[float, float]:
         """Interval of the survival by Wilson's score at 95 %; 0 to 1 without any walk [1]."""
-        from scipy.stats import binomtest  # slow to load
+        return self.interval_over(self)
 
-        if not self.runs:
-            return 0.0, 1.0
-        low, high = binomtest(self.survived, self.runs).proportion_ci(0.95, method="wilson")
-        return float(low), float(high)
+    def interval_over(self, other: "TaskResult") -> tuple[float, float]:
+        """The interval over the replicas that the other one has, too."""
+        return _wilson(*(done for at, done in self.completed.items() if at in other.completed))
 
     def pairs(self, other: "TaskResult") -> dict[tuple[Any, ...], float]:
         """Error of the other one minus this one, in each replica that both completed [m]."""
@@ -88,9 +90,10 @@ class Ranking(Tabled):
 
     def better(self, one: TaskResult, other: TaskResult) -> bool:
         """Whether it is decided that one is better than the other in their task."""
-        if one.interval[0] > other.interval[1]:
+        mine, others = one.interval_over(other), other.interval_over(one)
+        if mine[0] > others[1]:
             return True
-        if other.interval[0] > one.interval[1]:
+        if others[0] > mine[1]:
             return False
         from scipy.stats import quantile_test  # slow to load
 
@@ -181,7 +184,7 @@ class Ranking(Tabled):
         for cell in self.cells:
             rank = self.ranks.get((cell.task, cell.name))
             cells.append({**asdict(cell), "interval": cell.interval, "rank": rank})
-            del cells[-1]["errors"]
+            del cells[-1]["errors"], cells[-1]["completed"]
         head = {"by": self.by, "ahead": self.ahead, "runs": self.planned, "found": self.found}
         return dict(json_ready({**head, "cells": cells}))
 
@@ -216,7 +219,11 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
     errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
     ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
-    pace = np.where(table.measured, table.numbers("energy_distance") / ends_at, np.nan)
+    completed = np.array(table.words("outcome")) == "completed"
+    pace = np.where(completed, table.numbers("energy_distance") / ends_at, np.nan)
+    checks = {item.name for item in METRICS.values() if item.is_self_check}
+    failed = (words.split(",") for words in table.words("failed"))
+    unsound = np.array([not checks.isdisjoint(names) for names in failed], dtype=bool)
     names, tasks = short_names(table.words(key)), short_names(table.words("gait"))
     for row, place in enumerate(zip(tasks, names, strict=True)):
         groups.setdefault(place, []).append(row)
@@ -229,13 +236,16 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         tried = rows[asked & ~refused[rows].all()]  # none of a task that it leaves out
         if table.is_state(*BROKEN)[tried].all():  # no answer about its walk
             tried = tried[:0]
+        tried = tried[~unsound[tried]]  # their numbers are not reliable
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}
         different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
         walked = np.array(sorted(different.values()), dtype=int)
-        done = walked[table.measured[walked]]
+        done = walked[completed[walked]]
         states = RunState.NOT_MEASURED, RunState.REFUSED, *BROKEN
         ends = [(state, rows[table.is_state(state)[rows]]) for state in states]
         notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
+        if wrong := np.count_nonzero(unsound[rows]):
+            notes.append(f"{wrong} fail a check of the measurement and do not count")
         if equal := len(tried) - len(walked):
             notes.append(f"{equal} equal another one to the bit: they count once")
         usual = pace[np.array(tasks) == place[0]]
@@ -247,21 +257,32 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
                 *place,
                 runs=len(walked),
                 survived=len(done),
-                error=_median(errors[done]),
+                error=_median(errors[done][np.isfinite(errors[done])]),
                 effort=_median(table.numbers(EFFORT)[done]),
                 notes=tuple(notes),
-                errors={replicas[row]: float(errors[row]) for row in done},
+                errors={replicas[row]: float(errors[row]) for row in done if np.isfinite(errors[row])},
+                completed={replicas[row]: bool(completed[row]) for row in walked},
             )
         )
     numbers = table.table["run"].to_pylist()
     for name in dict.fromkeys(names):
         mine = [row for row in table.worst if names[row] == name]
-        done = [row for row in mine if table.measured[row]]
+        done = [row for row in mine if completed[row] and not unsound[row]]
         folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # a file of a user has its whole path as its name
         extremes |= {f"{folder}-best": numbers[min(done, key=errors.__getitem__)]} if done else {}
         extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
     return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))
+
+
+@cache
+def _wilson(*completed: bool) -> tuple[float, float]:
+    from scipy.stats import binomtest  # slow to load
+
+    if not completed:
+        return 0.0, 1.0
+    low, high = binomtest(sum(completed), len(completed)).proportion_ci(0.95, method="wilson")
+    return float(low), float(high)
 
 
 def _median(values: NDArray[np.float64]) -> float:

@@ -111,9 +111,10 @@ def check_duration(contacts: Contacts, until: float, run: RunParameters | None) 
         end = (end + single if time is None else time) + double
     usual = end + SETTLING + REST
     if until > _LONGEST * usual:
+        way_out = "; walk what is before and after a stand as two tables" if run is None else ""
         raise ValueError(
             f"its walk takes {until:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of its steps, the "
-            "times of footsteps and rest at both ends"
+            f"times of footsteps and rest at both ends{way_out}"
         )
 
 
