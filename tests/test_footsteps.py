@@ -1,6 +1,7 @@
 """Walks over any footsteps: the linear solve, its plan, generators and files."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ampm.planner.contacts import Footstep
 from ampm.planner.footsteps import plan_footsteps
 from tests.properties import assert_walk
 from tests.test_negative_controls import script
-from validation.trial.plan import make_body
+from validation.trial.plan import Request, make_body, plan_walk
 
 BODY = make_body(ampm.load_run("normal")).model.description
 SOLE = BODY.sole
@@ -99,6 +100,25 @@ def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
 def moved(steps, number, **change):
     """The footsteps, one of them changed."""
     return [step._replace(**change) if step is steps[number] else step for step in steps]
+
+
+def easier(steps, landings=None):
+    """A walk over footsteps, for its refusal."""
+    run = GAITS["normal"].replace({}, footsteps=routes.as_rows(steps, landings))
+    return plan_walk(Request("normal", run))
+
+
+@pytest.mark.parametrize("name", WALKS)
+def test_eased_footsteps(name):
+    """All of them are the walk itself, none is marching in place with the toes turned out as before."""
+    walk = WALKS[name]
+    width = abs(walk[1].position[1] - walk[0].position[1])
+    for one, other in zip(routes.eased(walk, 1.0, width), walk, strict=True):
+        np.testing.assert_allclose([*one.position, one.heading], [*other.position, other.heading], atol=1e-12)
+    still = routes.eased(walk, 0.0, width)
+    middle = {np.round(np.add(a.position, b.position), 9).tobytes() for a, b in pairwise(still)}
+    assert len(middle) == 1
+    assert {(step.foot, step.heading) for step in still} == {(step.foot, step.heading) for step in walk[:2]}
 
 
 def test_a_plan_over_a_file_of_footsteps_and_its_picture(tmp_path, ampm):

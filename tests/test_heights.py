@@ -65,6 +65,14 @@ def test_samples_of_a_walk_up_stairs_have_its_floor(left_out):
     np.testing.assert_allclose(here.zmp, there.zmp, atol=3e-3)
 
 
+def test_a_foot_stands_lower_beside_two_higher_footsteps():
+    """The box around these two would reach under it."""
+    steps = raised(routes.straight(4, 0.38, WIDTH), [0.0, 0.0, 0.0, 0.05, 0.05, 0.0])
+    ground = Ground.under(steps, BODY.sole)
+    places = np.array([step.position for step in steps])
+    np.testing.assert_array_equal(ground.at(places[:, :2]), places[:, 2])
+
+
 @pytest.mark.parametrize("name", WALKS)
 def test_feet_swing_over_the_edges(name):
     """10 mm beside every edge there is room, too, but where the foot leaves and lands."""

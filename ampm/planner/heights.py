@@ -104,8 +104,8 @@ class Ground:
     def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
         """The floor under footsteps.
 
-        Footsteps of one height that follow each other share a rectangle. Its edges are :data:`EDGE` from
-        their soles on the side of lower ones, and half a metre elsewhere.
+        Footsteps of one height that follow each other share a rectangle, unless a lower one is in it. Its
+        edges are :data:`EDGE` from their soles on the side of lower ones, and half a metre elsewhere.
 
         Raises:
             BodilyRefusal: footsteps of different heights are too near to each other for an edge.
@@ -113,22 +113,24 @@ class Ground:
         heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
         soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
-        starts = np.flatnonzero(np.diff(z, prepend=np.nan))
         parts: list[tuple[Array, float]] = []
-        for box, height in zip(np.split(soles, starts[1:]), z[starts].tolist(), strict=True):
-            joined = _around(box)
+        for step, (joined, height) in enumerate(zip(soles, z.tolist(), strict=True)):
+            if height == z.min():
+                continue
+            lower, last = soles[z < height], parts[-1] if step and z[step - 1] == height else None
             for part in [part for part in parts if part[1] == height]:
-                if _apart(joined, part[0])[1] <= 0.0:
-                    joined = _around(np.stack([joined, part[0]]))
+                both = _around(np.stack([joined, part[0]]))
+                near = part is last or _apart(joined, part[0])[1] <= 0.0
+                if near and all(_apart(both, sole)[1] >= 2.0 * EDGE for sole in lower):
+                    joined = both
                     parts = [other for other in parts if other is not part]
             parts.append((joined, height))
-        parts = [part for part in parts if part[1] > z.min()]
         wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
         for number, ((box, height), cut) in enumerate(zip(parts, wide, strict=True)):
             for other, other_height in parts[:number] + parts[number + 1 :]:
                 if other_height == height:
                     side, gap = _apart(box, other)
-                    _cut(cut, box, side, gap, 0.5)
+                    _cut(cut, box, side, max(gap, 0.0), 0.5)
             for step, (sole_box, sole_height) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
                 if sole_height < height:
                     side, gap = _apart(box, sole_box)

@@ -96,6 +96,30 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     return route(frames, width, "left" if length > 0.0 else "right")
 
 
+def eased(footsteps: Sequence[Footstep], share: float, width: float) -> list[Footstep]:
+    """The same walk with smaller steps.
+
+    Args:
+        footsteps: two on which the feet stand, then where each lands.
+        share: of the lengths, turns and heights that is kept [1].
+        width: towards which the lateral distance of the feet goes, as far as a step's length towards 0 [m].
+    """
+    found = list(footsteps[:1])
+    for number, step in enumerate(footsteps[1:], start=1):
+        last, new, foot = footsteps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
+        heading = step.heading
+        if number > 1:  # from the same foot, as toes may be turned out
+            heading = found[number - 2].heading + share * (heading - footsteps[number - 2].heading)
+        before, after = 0.5 * (last.heading + step.heading), 0.5 * (new.heading + heading)
+        x, y, z = (there - here for there, here in zip(step.position, last.position, strict=True))
+        ahead = share * (math.cos(before) * x + math.sin(before) * y)
+        aside = foot * width + share * (math.cos(before) * y - math.sin(before) * x - foot * width)
+        x = new.position[0] + math.cos(after) * ahead - math.sin(after) * aside
+        y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
+        found.append(Footstep(step.foot, (x, y, new.position[2] + share * z), heading))
+    return found
+
+
 def as_rows(
     footsteps: Sequence[Footstep], landings: Sequence[float | None] | None = None
 ) -> list[dict[str, Any]]:

@@ -34,7 +34,7 @@ def tilt_warnings(tilt: float | None, where: str) -> list[str]:
     """A sentence on a pelvis or trunk that tilts far [rad]; none if it does not."""
     if tilt is None or not tilt > _TILTED:
         return []
-    why = "Undisturbed, it balances the legs: try a smaller gait.c_s, or shorter steps."
+    why = "Undisturbed, it balances the legs: shorter steps need less, in a periodic gait a smaller gait.c_s."
     return [f"The segment {where} tilts by {tilt:.2f} rad. {why}"]
 
 

@@ -36,10 +36,12 @@ def register(metric: Metric) -> Metric:
     """Add a metric; it is then computed, judged and shown like the built-in ones.
 
     Raises:
-        InputError: its name is taken, it has a section, or a tolerance without a reason.
+        InputError: its name or a built-in label is taken, it has a section, or a tolerance without a reason.
     """
     if metric.name in METRICS:
         raise InputError(f"metric '{metric.name}' exists; choose another name.")
+    if metric.label in (item.label for item in _BUILT_IN.values()):
+        raise InputError(f"metric '{metric.label}' exists; choose another label.")
     if metric.section:
         raise InputError(
             f"metric '{metric.name}' has a section, which only built-in ones have; leave it out."

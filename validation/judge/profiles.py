@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
 
+from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
@@ -118,10 +119,15 @@ def unpushed_profile(gait: str, run: RunParameters) -> Profile:
 
 
 def find_profile(name: Profile | str) -> Profile:
-    """Look up a profile, unless it is one; raises InputError if it, or that of a limit, is unknown."""
+    """Look up a profile, unless it is one.
+
+    Raises :class:`InputError` if it, or that of a limit, is unknown, or if it has the name of another one.
+    """
     if not isinstance(name, Profile) and str(name) not in PROFILES:
         raise unknown(str(name), PROFILES, "profile")
     found = name if isinstance(name, Profile) else PROFILES[name]
+    if PROFILES.get(found.name, found) != found:
+        raise InputError(f"profile '{found.name}' is built in; give yours another name.")
     for metric in METRICS.values():
         found.tolerance(metric)
     return found
