@@ -298,11 +298,7 @@ class RunParameters(Section):
 
     @property
     def counts(self) -> Counts:
-        """Steps and ticks in the periods, delays and rates of the run.
-
-        Raises:
-            InputError: one of them is not a whole number.
-        """
+        """Steps and ticks in periods, delays and rates; raises InputError if one is not a whole number."""
         return Counts(*map(self._count, COUNTED))
 
     def _count(self, key: str) -> int:

@@ -1,7 +1,7 @@
 """Planners: from a run and a body to a complete walk."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from ampm.body.feasibility import check_body
 from ampm.body.limits import AT_MOST, Limit, check
 from ampm.body.motion import PeriodicPosture
 from ampm.body.robot import Robot
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
+from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.feet import FeetPlan, FootPath
@@ -29,6 +30,8 @@ from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.section import unknown
 from ampm.walk import RetimedPosture, WalkPlan
+
+_MOST_TRIED = 40  # footsteps of a walk that is tried with smaller ones: each takes 40 ms
 
 
 class PeriodicPlanner:
@@ -303,9 +306,40 @@ class FootstepPlanner:
         Raises:
             InputError: the footsteps are not a walk.
             MathematicalRefusal: the gait has no closed form.
-            BodilyRefusal: the body cannot walk them.
+            BodilyRefusal: the body cannot walk them; with a share of them that it can.
         """
-        return _walk_over(plan_footstep_walk(run, robot.description), run, robot)
+
+        def plan(run: RunParameters) -> WalkPlan:
+            return _walk_over(plan_footstep_walk(run, robot.description), run, robot)
+
+        try:
+            return plan(run)
+        except RefusedGait as refusal:
+            if less := _easier(run, plan):
+                refusal.way_out = f"{refusal.way_out}; {less} (tried and accepted)"
+            raise
+
+
+def _easier(run: RunParameters, plan: Callable[[RunParameters], WalkPlan]) -> str:
+    """Words on an easier walk than one over refused footsteps; empty if none is accepted, or with many."""
+    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
+    landings, width = [row.time for row in run.footsteps], run.gait.step_width
+
+    def accepted(share: float, landings: Sequence[float | None] | None) -> bool:
+        rows = routes.as_rows(routes.eased(footsteps, share, width), landings)
+        try:
+            plan(run.replace({}, footsteps=rows))
+        except (RefusedGait, InputError):
+            return False
+        return True
+
+    if len(footsteps) > _MOST_TRIED:
+        return ""
+    if any(landings) and accepted(1.0, None):
+        return "leave out their times"
+    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
+    made = f"routes.eased(footsteps, {share:g}, {width:.3g})"
+    return f"{made} keeps {share:.0%} of lengths, turns and heights" if share else ""
 
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:

@@ -87,7 +87,7 @@ def rows_of(ranking: Ranking) -> list[tuple[str, ...]]:
             format_number(1e3 * cell.error, 3),
             str(cell.survived),
             str(cell.runs),
-            "{:.0f}–{:.0f}".format(*(100.0 * end for end in cell.interval)) if cell.runs else "",
+            "{:.0f}–{:.0f}".format(*(100.0 * end for end in cell.interval())) if cell.runs else "",
             format_number(cell.effort, 3),
             "; ".join(cell.notes),
         )

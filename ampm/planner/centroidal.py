@@ -294,11 +294,7 @@ class CentroidalPlan(Brief):
         return {name: np.abs(begin[name] - end[name]).max(axis=1) / scale for name, scale in scales.items()}
 
     def with_angular_momentum_offset(self, offset: float) -> Self:
-        """The same motion of the COM with another mean of L_y over a step [N m s].
-
-        Raises:
-            InputError: the offset is not finite.
-        """
+        """The same motion of the COM with another mean of L_y over a step [N m s], which must be finite."""
         if not math.isfinite(offset):
             raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
         if offset == self.constants.angular_momentum_y_offset:

@@ -40,8 +40,7 @@ def step_laws(gait: GaitParameters) -> StepLaws:
     of the switch: the ground force is vertical and the ZMP under the COM, so both jump at a switch. Its beta
     is what the COM drifts in half a double support, ``beta = v T_DS / 2``.
 
-    Raises:
-        MathematicalRefusal: the COM is not driven, or does not pass over the foot fast enough.
+    Raises :class:`MathematicalRefusal` if the COM is not driven, or does not pass over the foot fast enough.
     """
     plain = gait.planner == LIPM
     values = gait.model_dump() | (_PLAIN_SLOPES if plain else {})

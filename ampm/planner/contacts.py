@@ -236,8 +236,7 @@ def ascending(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def times_within(times: ArrayLike, duration: float) -> NDArray[np.float64]:
     """Times as an array (N,), those within the tolerance moved onto the ends of a plan of a duration [s].
 
-    Raises:
-        InputError: a time lies outside the plan or is not a number.
+    Raises :class:`InputError` if a time lies outside the plan or is not a number.
     """
     try:
         time = np.atleast_1d(np.asarray(times, dtype=np.float64))

@@ -98,11 +98,7 @@ class FeetPlan(Brief):
         return math.atan(self.slope[1])
 
     def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
-        """Evaluate left and right foot at ``times``, shape (N,) [s].
-
-        Raises:
-            InputError: a time lies outside the plan.
-        """
+        """Left and right foot at times, shape (N,) [s]; raises InputError if one lies outside the plan."""
         t = times_within(times, self.duration)
         left, right = _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
         return (_rolled(left, self.roll), _rolled(right, self.roll)) if self.slope[1] else (left, right)

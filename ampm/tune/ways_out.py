@@ -5,14 +5,11 @@ values that are given.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
 
 from ampm.description import BodyDescription
-from ampm.exceptions import InputError, RefusedGait
+from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, OPEN_KEYS, RunParameters
-from ampm.planner.contacts import Footstep
-from ampm.planner.routes import as_rows, eased
 from ampm.run_file import key_info
 from ampm.tune.first_gait import easy_gait
 
@@ -23,7 +20,6 @@ _MOST_NAMED = 4  # other settings in a message
 _MOST_OF_ONE = 40  # choices of one search, which also takes at most half of those that are left
 _MOST_OF_LAST = 100  # choices of the search for an easy gait: what it says of the body must hold
 _OF_A_GAIT = ("gait.", "foot.", "body.", "controller.friction")  # sections with what it may fail by
-_MOST_FOOTSTEPS = 40  # of a walk that is tried with smaller steps: a check takes 40 ms a step
 _NEAR = 0.1  # distance from the easy gait's value below which it is no change [1]
 
 
@@ -72,36 +68,6 @@ def ways_out(
             return f"not even a gait with {values} was accepted; {way_out} another body"
     half = _half(run, found)
     return f"{_in_words(run, half if half and accepted(half) else found)} (tried and accepted)"
-
-
-def easier_walk(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
-    """Words on a share of a refused walk over footsteps that ``plan`` accepts, or on its times.
-
-    Empty if nothing is accepted, or there are too many footsteps to try.
-    """
-    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
-
-    def accepted(rows: Sequence[Mapping[str, Any]]) -> bool:
-        try:
-            plan(run.replace({}, footsteps=rows))
-        except (RefusedGait, InputError):
-            return False
-        return True
-
-    if len(footsteps) > _MOST_FOOTSTEPS:
-        return ""
-    if any(row.time is not None for row in run.footsteps) and accepted(as_rows(footsteps)):
-        return "leave out their times (tried and accepted)"
-    landings = [row.time for row in run.footsteps]
-
-    def eases(share: float) -> bool:
-        return accepted(as_rows(eased(footsteps, share, run.gait.step_width), landings))
-
-    share = next(filter(eases, (0.75, 0.5, 0.25)), 0.0)
-    if share and eases(share + 0.125):
-        share += 0.125
-    made = f"routes.eased(footsteps, {share:g}, {run.gait.step_width:.3g})"
-    return f"{made} keeps {share:.0%} of lengths, turns and heights (tried and accepted)" if share else ""
 
 
 def _single_changes(run: RunParameters, description: BodyDescription) -> Iterator[Change]:

@@ -30,10 +30,8 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     """Where a plan begins in a log [s], by correlation of force and lateral ZMP, and the correlation [1].
 
     Each is over its standard deviation in the plan. Of strides that fit alike the middle one is taken.
-    Between the samples the difference of the ZMPs, or of the forces without a ZMP, varies least.
-
-    Raises:
-        InputError: the log is like the plan nowhere.
+    Between the samples the difference of the ZMPs, or of the forces without a ZMP, varies least. Raises
+    :class:`InputError` if the log is like the plan nowhere.
     """
     measured = log.signals["force"] / log.weight
     if "zmp" in log.signals:

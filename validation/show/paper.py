@@ -37,11 +37,7 @@ class Citation(NamedTuple):
 
 
 def parse_width(text: str) -> float:
-    """A width such as ``88mm`` in millimetres.
-
-    Raises:
-        InputError: no length, or one that no page has.
-    """
+    """A width such as ``88mm`` in millimetres; raises InputError of no length, or of one that no page has."""
     found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt|m)\s*", text)
     width = float(found[1]) * _UNITS[found[2]] if found else 0.0
     if not NARROWEST <= width <= WIDEST:
@@ -103,10 +99,8 @@ def write_paper(
     """Write everything into a folder; with ``force`` into one that is not empty, where equal names go.
 
     Figures have one of the :data:`FORMATS` and the width of a column [mm], wide ones of two; tables have one
-    of :data:`TABLES`, or are left out.
-
-    Raises:
-        InputError: the folder is a file, is not empty, or cannot be written.
+    of :data:`TABLES`, or are left out. Raises :class:`InputError` if the folder is a file, is not empty, or
+    cannot be written.
     """
     check_target(folder, None, force=force, way_out="--force to replace files in it")
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))

@@ -25,8 +25,7 @@ def show_recording(recording: Path, *, web: bool = False) -> None:
 def viewer_command(recording: Path, *, web: bool = False) -> list[str]:
     """Command line of the viewer, with ``web`` for browsers of this machine.
 
-    Raises:
-        InputError: there is no display for the viewer's window.
+    Raises :class:`InputError` if there is no display for the viewer's window.
     """
     command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1"]  # its window listens for data, too
     if web:

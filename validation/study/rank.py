@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -62,14 +62,18 @@ class TaskResult:
         """Whether it walked, and its walks have an error, unless none completed."""
         return self.runs > 0 and (not self.survived or math.isfinite(self.error))
 
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Interval of the survival by Wilson's score at 95 %; 0 to 1 without any walk [1]."""
-        return self.interval_over(self)
+    def interval(self, other: "TaskResult | None" = None) -> tuple[float, float]:
+        """Interval of the survival by Wilson's score at 95 %; 0 to 1 without any walk [1].
 
-    def interval_over(self, other: "TaskResult") -> tuple[float, float]:
-        """The interval over the replicas that the other one has, too."""
-        return _wilson(*(done for at, done in self.completed.items() if at in other.completed))
+        With another planner only the replicas count that it has, too.
+        """
+        from scipy.stats import binomtest  # slow to load
+
+        ends = [done for at, done in self.completed.items() if other is None or at in other.completed]
+        if not ends:
+            return 0.0, 1.0
+        low, high = binomtest(sum(ends), len(ends)).proportion_ci(0.95, method="wilson")
+        return float(low), float(high)
 
     def pairs(self, other: "TaskResult") -> dict[tuple[Any, ...], float]:
         """Error of the other one minus this one, in each replica that both completed [m]."""
@@ -90,7 +94,7 @@ class Ranking(Tabled):
 
     def better(self, one: TaskResult, other: TaskResult) -> bool:
         """Whether it is decided that one is better than the other in their task."""
-        mine, others = one.interval_over(other), other.interval_over(one)
+        mine, others = one.interval(other), other.interval(one)
         if mine[0] > others[1]:
             return True
         if others[0] > mine[1]:
@@ -171,7 +175,7 @@ class Ranking(Tabled):
                 cell.name,
                 format_number(1e3 * cell.error, 3),
                 f"{cell.survived} of {cell.runs}" if cell.runs else ABSENT,
-                "{:.0f}–{:.0f}".format(*(100.0 * end for end in cell.interval)) if cell.runs else ABSENT,
+                "{:.0f}–{:.0f}".format(*(100.0 * end for end in cell.interval())) if cell.runs else ABSENT,
                 format_number(cell.effort, 3),
                 "; ".join(cell.notes),
             )
@@ -183,7 +187,7 @@ class Ranking(Tabled):
         cells = []
         for cell in self.cells:
             rank = self.ranks.get((cell.task, cell.name))
-            cells.append({**asdict(cell), "interval": cell.interval, "rank": rank})
+            cells.append({**asdict(cell), "interval": cell.interval(), "rank": rank})
             del cells[-1]["errors"], cells[-1]["completed"]
         head = {"by": self.by, "ahead": self.ahead, "runs": self.planned, "found": self.found}
         return dict(json_ready({**head, "cells": cells}))
@@ -273,16 +277,6 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
     return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))
-
-
-@cache
-def _wilson(*completed: bool) -> tuple[float, float]:
-    from scipy.stats import binomtest  # slow to load
-
-    if not completed:
-        return 0.0, 1.0
-    low, high = binomtest(sum(completed), len(completed)).proportion_ci(0.95, method="wilson")
-    return float(low), float(high)
 
 
 def _median(values: NDArray[np.float64]) -> float:

@@ -113,13 +113,6 @@ class Physics:
         self.data.qpos[:], self.data.qvel[:] = to_mujoco(q, v)
 
 
-def model_bytes(model: mujoco.MjModel) -> bytes:
-    """All numbers of a model, to tell whether one of them has changed."""
-    numbers = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, numbers)
-    return numbers.tobytes()
-
-
 def firm_dampers(model: mujoco.MjModel) -> str:
     """Joints whose dampers let the simulation of a model diverge, and the line that helps; empty if none do.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -210,24 +210,17 @@ def load_requests(gaits: Sequence[str | None], settings: Sequence[str] = (), **o
 def check_formula(request: Request) -> None:
     """Refuse a gait whose formula has no solution, unless values that it leaves open may give one."""
     if not leaves_open(request.run) or request.run.gait.c_y <= 0.0:
-        with _way_out(request.run, request.run):
+        with _way_out(request.run):
             plan_gait(request.run.gait, request.run.body.mass)
 
 
 @contextmanager
-def _way_out(
-    asked: RunParameters, run: RunParameters, plan: Callable[[RunParameters], object] | None = None
-) -> Iterator[None]:
-    """Tell at a refusal which smaller footsteps ``plan`` accepts, and that values could be left open."""
+def _way_out(run: RunParameters) -> Iterator[None]:
+    """Note at a refusal that given values could be left open."""
     try:
         yield
     except RefusedGait as error:
-        if run.footsteps and plan is not None:
-            from ampm.tune.ways_out import easier_walk  # imported here: Pinocchio is slow to load
-
-            if less := easier_walk(run, plan):
-                error.way_out = f"{error.way_out}; {less}"
-        if asked.given >= set(OPEN_KEYS):
+        if run.given >= set(OPEN_KEYS):
             error.add_note(
                 "all values count as given; leave out --as-is, or keys such as gait.com_height from the "
                 "file, to have open values found"
@@ -318,9 +311,7 @@ def plan_walk(
     replanner: Any = planner if users.replan_period(planner) < math.inf else None
     with (
         progress.stage(f"{request.name}: whole-body motion"),
-        _way_out(asked, run, lambda run: planner.plan(run.undisturbed, body.robot))
-        if checked
-        else users.UsersCode("planner", planner),
+        _way_out(asked) if checked else users.UsersCode("planner", planner),
     ):
         plan = planner.plan(run.undisturbed, body.robot if checked else body.again())
         if not isinstance(plan, WalkPlan):

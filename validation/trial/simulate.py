@@ -7,6 +7,7 @@ motion.
 
 import logging
 import math
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, cast
@@ -28,7 +29,7 @@ from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push,
 from validation.trial.followed import Followed, Stepped
 from validation.trial.log import RunLog
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.physics import Physics, firm_dampers, model_bytes, quiet_mujoco
+from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
 from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
@@ -86,11 +87,11 @@ def simulate(
     else:
         estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
-    judged, model = judged_facts(plan), model_bytes(physics.model)
+    judged, model = judged_facts(plan), pickle.dumps(physics.model)
     record = loop.run(progress)
     if judged_facts(plan) != judged:
         raise InputError("the planner changed its plan after handing it over; let replan make another one.")
-    if model_bytes(physics.model) != model:
+    if pickle.dumps(physics.model) != model:
         raise InputError("a user's class changed the simulated model in the walk; keep to its arguments.")
     if replanner is not None and record.outcome.completed:
         forces_of(run, disturbances, record.outcome.time)

@@ -85,11 +85,7 @@ def write_recording(run: str | Path | SavedRun) -> Path:
 
 
 def write_several(runs: Mapping[str, SavedRun], path: Path) -> None:
-    """Write one recording of two or more runs, by their names; an existing file is replaced.
-
-    Raises:
-        InputError: there are too many.
-    """
+    """Write one recording of runs, by their names, over an existing one; raises InputError of too many."""
     most = len(views.RUN_COLORS)
     if len(runs) > most:
         raise InputError(f"{len(runs)} recordings are too many for one view; give {most} at most.")
