@@ -161,8 +161,7 @@ class Reference:
                     f"{name} of a reference has shape {np.shape(value)} and must have {row[name].shape}"
                 )
             row[name] = value
-        row.setflags(write=False)
-        return cls(row)
+        return cls(np.frombuffer(row.tobytes(), kind).reshape(row.shape))  # nothing makes bytes writeable
 
     def replace(self, **fields: ArrayLike) -> Self:
         """A copy with other values of some fields."""

@@ -75,6 +75,16 @@ def test_a_table_is_a_sequence_and_cannot_be_changed():
             changed[...] = 0
 
 
+def test_nothing_makes_a_reference_writeable():
+    """Who could write it would say what a fall is."""
+    base = rows()[5].com
+    while not isinstance(base, bytes):
+        if isinstance(base, np.ndarray):  # of a single row it does nothing
+            with pytest.raises(ValueError, match="cannot set WRITEABLE flag"):
+                base.setflags(write=True)
+        base = base.base
+
+
 def test_a_reference_is_made_of_fields_in_their_shapes():
     row = planned_walk().table(TIMES)[4]
     fields = {name: getattr(row, name) for name in FIELDS}

@@ -279,14 +279,15 @@ class ClosedLoop:
         """What the sensors of this tick read, and what the walk follows; benchmarks time it with `apply`."""
         physics, k = self.physics, self.done
         self._sense(physics.data.ncon)
-        self._reference = next(self.course.references)
+        reference = next(self.course.references)
+        self._planned = reference.row  # of which a user's controller may change nothing
         if self.sensors is None:
             body = physics.body
             self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
             commanded = getattr(self.controller, "acceleration", None)
             self._sensed = self.sensors.update(k, commanded)
-        return *self._sensed, self._reference
+        return *self._sensed, reference
 
     def act(self, output: ControlOutput) -> Outcome | None:
         """Let the output of a tick act until the next one is due; whether the walk is over."""
@@ -321,18 +322,16 @@ class ClosedLoop:
 
     def apply(self, output: ControlOutput) -> Outcome | None:
         """Set and keep the command of this tick, and plan again; whether the walk is over."""
-        reference, k = self._reference, self.done
+        planned, k = self._planned, self.done
         with self.users_code:
             if not isinstance(output, ControlOutput):
                 raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
             self._take(output)
             if self.faults is not None:
                 self.faults.act(self.command.torque, self.command.rate)
-            self._row[0] = reference.row if output.reference is None else output.reference.row
+            self._row[0] = planned if output.reference is None else output.reference.row
             # A user's controller does not say what a fall is.
-            self.log.stands_by[0] = (
-                self._row[0] if type(self.controller) is TrackingController else reference.row
-            )
+            self.log.stands_by[0] = self._row[0] if type(self.controller) is TrackingController else planned
             status, residual = int(output.status), float(output.residual)
             if status not in (SOLVED, LIMITED, UNSOLVED):
                 raise ValueError(f"{status} is not a QP status")
@@ -340,7 +339,7 @@ class ClosedLoop:
                 raise ValueError(self._not_finite())
         if self._steps is not None and self._steps.stepped is not None:
             self.stepped.append(self._steps.stepped)
-        self.course.replan(float(reference.time), *self._sensed)
+        self.course.replan(float(planned["time"]), *self._sensed)
         if self.course.total > self.log.steps:
             self.log.extend(self.course.total)
             self._bind()
