@@ -322,7 +322,7 @@ class FootstepPlanner:
 
 def _easier(run: RunParameters, plan: Callable[[RunParameters], WalkPlan]) -> str:
     """Words on an easier walk than one over refused footsteps; empty if none is accepted, or with many."""
-    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
+    footsteps = list(map(routes.of_row, run.footsteps))
     landings, width = [row.time for row in run.footsteps], run.gait.step_width
 
     def accepted(share: float, landings: Sequence[float | None] | None) -> bool:
@@ -338,8 +338,8 @@ def _easier(run: RunParameters, plan: Callable[[RunParameters], WalkPlan]) -> st
     if any(landings) and accepted(1.0, None):
         return "leave out their times"
     share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
-    made = f"routes.eased(footsteps, {share:g}, {width:.3g})"
-    return f"{made} keeps {share:.0%} of lengths, turns and heights" if share else ""
+    kept = "keeps that share of lengths, turns and heights"
+    return f"routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:

@@ -9,7 +9,7 @@ h where it meets the floor in the walk on level ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,8 +104,9 @@ class Ground:
     def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
         """The floor under footsteps.
 
-        Footsteps of one height that follow each other share a rectangle, unless a lower one is in it. Its
-        edges are :data:`EDGE` from their soles on the side of lower ones, and half a metre elsewhere.
+        Footsteps of one height that follow each other share a rectangle. Where a lower one would be in it,
+        only near ones share one. Its edges are :data:`EDGE` from their soles on the side of lower ones, and
+        half a metre elsewhere.
 
         Raises:
             BodilyRefusal: footsteps of different heights are too near to each other for an edge.
@@ -113,24 +114,24 @@ class Ground:
         heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
         soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
+        starts = np.flatnonzero(np.diff(z, prepend=np.nan))
         parts: list[tuple[Array, float]] = []
-        for step, (joined, height) in enumerate(zip(soles, z.tolist(), strict=True)):
-            if height == z.min():
-                continue
-            lower, last = soles[z < height], parts[-1] if step and z[step - 1] == height else None
-            for part in [part for part in parts if part[1] == height]:
-                both = _around(np.stack([joined, part[0]]))
-                near = part is last or _apart(joined, part[0])[1] <= 0.0
-                if near and all(_apart(both, sole)[1] >= 2.0 * EDGE for sole in lower):
-                    joined = both
-                    parts = [other for other in parts if other is not part]
-            parts.append((joined, height))
+        for boxes, height in zip(np.split(soles, starts[1:]), z[starts].tolist(), strict=True):
+            rectangles = [_around(boxes)]
+            if any(_apart(rectangles[0], sole)[1] < 2.0 * EDGE for sole in soles[z < height]):
+                rectangles = _joined(boxes, 2.0 * EDGE)
+            for rectangle in rectangles:
+                same = [part[0] for part in parts if part[1] == height]
+                *kept, whole = _joined([*same, rectangle], 0.0)
+                parts = [part for part in parts if part[1] != height or any(part[0] is one for one in kept)]
+                parts.append((whole, height))
+        parts = [part for part in parts if part[1] > z.min()]
         wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
         for number, ((box, height), cut) in enumerate(zip(parts, wide, strict=True)):
             for other, other_height in parts[:number] + parts[number + 1 :]:
                 if other_height == height:
                     side, gap = _apart(box, other)
-                    _cut(cut, box, side, max(gap, 0.0), 0.5)
+                    _cut(cut, box, side, gap, 0.5)
             for step, (sole_box, sole_height) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
                 if sole_height < height:
                     side, gap = _apart(box, sole_box)
@@ -149,6 +150,17 @@ class Ground:
 def _around(boxes: Array) -> Array:
     """The least box around boxes (n, 2, 2), low and high corner each."""
     return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def _joined(boxes: Iterable[Array], gap: float) -> list[Array]:
+    """Boxes (2, 2) that are more than a gap from each other [m]: nearer ones become the box around them."""
+    found: list[Array] = []
+    for box in boxes:
+        while near := [other for other in found if _apart(box, other)[1] <= gap]:
+            box = _around(np.stack([box, *near]))
+            found = [other for other in found if not any(other is one for one in near)]
+        found.append(box)
+    return found
 
 
 def _apart(box: Array, other: Array) -> tuple[tuple[int, int], float]:

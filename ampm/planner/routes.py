@@ -7,7 +7,7 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,20 +96,21 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     return route(frames, width, "left" if length > 0.0 else "right")
 
 
-def eased(footsteps: Sequence[Footstep], share: float, width: float) -> list[Footstep]:
+def eased(footsteps: Sequence[Footstep | Mapping[str, Any]], share: float, width: float) -> list[Footstep]:
     """The same walk with smaller steps.
 
     Args:
-        footsteps: two on which the feet stand, then where each lands.
+        footsteps: two on which the feet stand, then where each lands; also rows of :func:`read_footsteps`.
         share: of the lengths, turns and heights that is kept [1].
         width: towards which the lateral distance of the feet goes, as far as a step's length towards 0 [m].
     """
-    found = list(footsteps[:1])
-    for number, step in enumerate(footsteps[1:], start=1):
-        last, new, foot = footsteps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
+    steps = [step if isinstance(step, Footstep) else of_row(FootstepParameters(**step)) for step in footsteps]
+    found = steps[:1]
+    for number, step in enumerate(steps[1:], start=1):
+        last, new, foot = steps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
         heading = step.heading
         if number > 1:  # from the same foot, as toes may be turned out
-            heading = found[number - 2].heading + share * (heading - footsteps[number - 2].heading)
+            heading = found[number - 2].heading + share * (heading - steps[number - 2].heading)
         before, after = 0.5 * (last.heading + step.heading), 0.5 * (new.heading + heading)
         x, y, z = (there - here for there, here in zip(step.position, last.position, strict=True))
         ahead = share * (math.cos(before) * x + math.sin(before) * y)
@@ -118,6 +119,11 @@ def eased(footsteps: Sequence[Footstep], share: float, width: float) -> list[Foo
         y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
         found.append(Footstep(step.foot, (x, y, new.position[2] + share * z), heading))
     return found
+
+
+def of_row(row: FootstepParameters) -> Footstep:
+    """The footstep of a row of a run."""
+    return Footstep(row.foot, (row.x, row.y, row.z), row.heading)
 
 
 def as_rows(

@@ -16,7 +16,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED
@@ -160,11 +159,11 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Time from the end of the last push until every error stays within its limits, for a step or more [s].
+    """Time from the end of the last push from which on every error keeps its limits, for a step or more [s].
 
     Infinite if they do not within its own limit, NaN if the walk ends before that; None if nothing pushed the
-    body, or without a plan. Limits of the RMS and largest error over each step until the end are those that
-    the walk has if nothing pushes it.
+    body, or without a plan. Limits of the RMS and largest error over the rest of the walk are those that it
+    has if nothing pushes it.
     """
     record = walk.record
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
@@ -177,20 +176,19 @@ def _recovery_time(walk: Comparison) -> float | None:
             limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
     duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
     step = max(round(duration / record.time_step), 1)
-    within = np.ones(max(record.steps - step + 1, 0), dtype=bool)  # of the steps that begin at each instant
+    first = int(pushed[-1]) + 1
+    within = np.ones(record.steps - first, dtype=bool)  # of the rests that begin at each instant
     for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
-        error = np.nan_to_num(np.abs(value - reference), nan=np.inf)
-        squares = np.cumsum(np.append(0.0, np.minimum(error, 1e6) ** 2))
-        ahead = {  # over the step that begins at each instant
-            "rmse": np.sqrt(np.maximum(squares[step:] - squares[:-step], 0.0) / step),
-            "maximum": maximum_filter1d(error, step, origin=-(step // 2))[: within.size],
+        error = np.nan_to_num(np.abs(value - reference)[first:][::-1], nan=np.inf)  # the last one first
+        rests = {
+            "rmse": np.sqrt(np.cumsum(error**2) / np.arange(1, len(error) + 1)),
+            "maximum": np.maximum.accumulate(error),
         }
-        for statistic, values in ahead.items():
-            within &= values <= limits.get(f"{name}_{statistic}", math.inf)
-    after = within[pushed[-1] + 1 :]
-    begin = int(np.append(-1, np.flatnonzero(~after))[-1]) + 1
-    ends = record.time_step * (len(within) - pushed[-1]) < METRICS["recovery_time"].tolerances["pushed"]
-    return begin * record.time_step if begin < len(after) else math.nan if ends else math.inf
+        for statistic, values in rests.items():
+            within &= values[::-1] <= limits.get(f"{name}_{statistic}", math.inf)
+    begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
+    ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
+    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf
 
 
 def _cost(walk: Comparison, name: str) -> float:

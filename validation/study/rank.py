@@ -7,7 +7,7 @@ rule.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -54,8 +54,9 @@ class TaskResult:
     notes: tuple[str, ...]
     # by the other varied values: of each completed walk [m]
     errors: Mapping[tuple[Any, ...], float] = field(repr=False)
-    # likewise, of each run that should have walked
-    completed: Mapping[tuple[Any, ...], bool] = field(repr=False)
+    # likewise, whether each run completed that should have walked, equal ones once
+    completed: Sequence[tuple[tuple[Any, ...], bool]] = field(repr=False)
+    replicas: frozenset[tuple[Any, ...]] = field(repr=False)  # likewise, of all of them
 
     @property
     def is_ranked(self) -> bool:
@@ -69,7 +70,7 @@ class TaskResult:
         """
         from scipy.stats import binomtest  # slow to load
 
-        ends = [done for at, done in self.completed.items() if other is None or at in other.completed]
+        ends = [done for at, done in self.completed if other is None or at in other.replicas]
         if not ends:
             return 0.0, 1.0
         low, high = binomtest(sum(ends), len(ends)).proportion_ci(0.95, method="wilson")
@@ -188,7 +189,7 @@ class Ranking(Tabled):
         for cell in self.cells:
             rank = self.ranks.get((cell.task, cell.name))
             cells.append({**asdict(cell), "interval": cell.interval(), "rank": rank})
-            del cells[-1]["errors"], cells[-1]["completed"]
+            del cells[-1]["errors"], cells[-1]["completed"], cells[-1]["replicas"]
         head = {"by": self.by, "ahead": self.ahead, "runs": self.planned, "found": self.found}
         return dict(json_ready({**head, "cells": cells}))
 
@@ -238,9 +239,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         rows = np.array(found)
         asked = np.array([(place[0], replicas[row]) in walkable for row in found])  # by any planner
         tried = rows[asked & ~refused[rows].all()]  # none of a task that it leaves out
-        if table.is_state(*BROKEN)[tried].all():  # no answer about its walk
+        tried = tried[~unsound[tried]]  # the numbers of others are not reliable
+        if table.is_state(RunState.REFUSED, *BROKEN)[tried].all():  # no answer about its walk
             tried = tried[:0]
-        tried = tried[~unsound[tried]]  # their numbers are not reliable
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}
         different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
         walked = np.array(sorted(different.values()), dtype=int)
@@ -265,7 +266,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
                 effort=_median(table.numbers(EFFORT)[done]),
                 notes=tuple(notes),
                 errors={replicas[row]: float(errors[row]) for row in done if np.isfinite(errors[row])},
-                completed={replicas[row]: bool(completed[row]) for row in walked},
+                completed=[(replicas[row], bool(completed[row])) for row in walked],
+                replicas=frozenset(replicas[row] for row in tried),
             )
         )
     numbers = table.table["run"].to_pylist()
@@ -273,7 +275,8 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         mine = [row for row in table.worst if names[row] == name]
         done = [row for row in mine if completed[row] and not unsound[row]]
         folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # a file of a user has its whole path as its name
-        extremes |= {f"{folder}-best": numbers[min(done, key=errors.__getitem__)]} if done else {}
+        best = min(done, key=np.nan_to_num(errors, nan=np.inf).__getitem__, default=None)
+        extremes |= {} if best is None else {f"{folder}-best": numbers[best]}
         extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
     return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))

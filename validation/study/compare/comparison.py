@@ -230,12 +230,15 @@ class WalkComparison(Tabled):
     def _limits(self) -> str:
         """How much of their limits the walks use."""
         said: dict[tuple[str, str], list[tuple[str, str]]] = {}
+        profiles = [side.run.summary["profile"] for side in self.sides]
         for k, side in enumerate(self.sides):
             used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
             share, label = max(used, default=(math.nan, "no limit is known"))
-            kept = "stayed below every limit"
+            measured = side.run.summary["verdict"] not in ("not_measured", "partial")
+            kept = "stayed below every limit" if measured else "was not measured by every limit"
             if over := sum(item[0] > 1.0 + 1e-9 for item in used):  # not by rounding, as of used up friction
                 kept = f"exceeded {over} of {len(used)} limits"
+            kept += f" of the profile {profiles[k]}" * (len(set(profiles)) > 1)
             said.setdefault((kept, label), []).append((side.label, format_share(share, 1.0)))
         return ", ".join(
             f"{listed([who for who, _ in items])} {kept} ({label}, {listed([share for _, share in items])})"
