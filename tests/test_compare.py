@@ -134,6 +134,9 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     again = zmp.copy()
     again[-step:, 1] = 0.5  # in the last step
     assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=again)))["recovery_time"])
+    flown = measured.zmp.copy()
+    flown[210:230], flown[230:, 1] = np.nan, flown[230:, 1] + 0.012  # within the largest error, not its RMS
+    assert np.isnan(evaluate(compare(plan, pushed, replace(measured, zmp=flown)))["recovery_time"])
     still = replace(plan.constants, single_support_duration=0.0, double_support_duration=0.0)
     found = compare(replace(plan, constants=still), pushed, replace(measured, zmp=zmp))
     assert evaluate(found)["recovery_time"] == recovery

@@ -156,6 +156,9 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
     said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("smooth and other have no errors of the ZMP to compare. No difference in mech")
+    said = comparison_of([a, changed(b, verdict="not_measured", profile="jumps")]).sentence
+    assert "smooth stayed below every limit of the profile default (" in said
+    assert "other was not measured by every limit of the profile jumps (" in said
     fell = comparison_of([a, changed(b, outcome="fell", end={"time": 2.3, "cause": ""}, steps_completed=2)])
     assert fell.sentence.endswith("other did not walk to the end (fell after 2.30 s).")
     assert ("steps completed", "8", "2") in fell.tables()[0].rows

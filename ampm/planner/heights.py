@@ -106,10 +106,8 @@ class Ground:
 
         Footsteps of one height that follow each other share a rectangle. Where a lower one would be in it,
         only near ones share one. Its edges are :data:`EDGE` from their soles on the side of lower ones, and
-        half a metre elsewhere.
-
-        Raises:
-            BodilyRefusal: footsteps of different heights are too near to each other for an edge.
+        half a metre elsewhere. Raises :class:`BodilyRefusal` if footsteps of different heights are too near
+        to each other for an edge.
         """
         heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)

@@ -129,11 +129,7 @@ def of_row(row: FootstepParameters) -> Footstep:
 def as_rows(
     footsteps: Sequence[Footstep], landings: Sequence[float | None] | None = None
 ) -> list[dict[str, Any]]:
-    """Footsteps as ``[[footsteps]]`` of a run file.
-
-    Raises:
-        InputError: one is not a footstep.
-    """
+    """Footsteps as ``[[footsteps]]`` of a run file; raises InputError if one is not a footstep."""
     rows = []
     for number, step in enumerate(footsteps, start=1):
         try:
@@ -150,8 +146,7 @@ def as_rows(
 def read_footsteps(path: Path) -> list[dict[str, Any]]:
     """``[[footsteps]]`` of a run from a CSV file whose columns are their keys; empty cells are left out.
 
-    Raises:
-        InputError: the file cannot be read, or a row is not a footstep.
+    Raises :class:`InputError` if the file cannot be read, or a row is not a footstep.
     """
     try:
         text = io.StringIO(read_text(path), newline="")

@@ -119,10 +119,7 @@ def unpushed_profile(gait: str, run: RunParameters) -> Profile:
 
 
 def find_profile(name: Profile | str) -> Profile:
-    """Look up a profile, unless it is one.
-
-    Raises :class:`InputError` if it, or that of a limit, is unknown, or if it has the name of another one.
-    """
+    """The profile of a name; InputError if it, or that of a limit, is unknown, or has the name of ours."""
     if not isinstance(name, Profile) and str(name) not in PROFILES:
         raise unknown(str(name), PROFILES, "profile")
     found = name if isinstance(name, Profile) else PROFILES[name]

@@ -64,10 +64,7 @@ class TaskResult:
         return self.runs > 0 and (not self.survived or math.isfinite(self.error))
 
     def interval(self, other: "TaskResult | None" = None) -> tuple[float, float]:
-        """Interval of the survival by Wilson's score at 95 %; 0 to 1 without any walk [1].
-
-        With another planner only the replicas count that it has, too.
-        """
+        """Wilson's interval of the survival at 95 %, over common replicas; 0 to 1 without any walk [1]."""
         from scipy.stats import binomtest  # slow to load
 
         ends = [done for at, done in self.completed if other is None or at in other.replicas]

@@ -326,10 +326,8 @@ class SweepDefinition(Section, section="sweep"):
 def load_sweep(path: str | Path) -> SweepDefinition:
     """Read a sweep's definition from a TOML file; nothing that it names is imported.
 
-    Files of a gait, body or plan are searched in the same folder.
-
-    Raises:
-        InputError: no such file, no valid TOML, or no valid sweep.
+    Files of a gait, body or plan are searched in the same folder. Raises :class:`InputError` of no such file,
+    no valid TOML, or no valid sweep.
     """
     path = Path(path)
     stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
