@@ -51,6 +51,7 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     assert every.row()[2] == "0.2 (all tried)"
     none, walked = climbed(FRICTION, 3, lambda value, replica: row(FELL))
     assert (none.survived, none.cause, len(walked)) == (None, FELL, 1)
+    assert none.row()[2] == "none from 0.8 on"
     broken = climb(FRICTION, 1, lambda value, replica: row("broke") | {"outcome": "crashed"})
     assert (broken["outcome"], broken["crashes"]) == ("crashed", ["0.8: broke"])
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]

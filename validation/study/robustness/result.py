@@ -26,10 +26,11 @@ class CellResult:
 
     def row(self) -> tuple[str, ...]:
         """Row of the table; angles in degrees."""
-        value, unit = self.survived, self.cell.unit
+        unit = self.cell.unit
+        value = self.cell.values[0] if self.survived is None else self.survived
         if unit == "rad":
-            value, unit = value and math.degrees(value), "degrees"
-        shown = "none" if value is None else f"{value:.4g}"
+            value, unit = math.degrees(value), "degrees"
+        shown = f"none from {value:.4g} on" if self.survived is None else f"{value:.4g}"
         every = " (all tried)" if self.survived == self.cell.values[-1] else ""
         return self.cell.name, unit, shown + every, self.cause.partition("; ")[0].partition(" at ")[0]
 
