@@ -1,7 +1,7 @@
 """Planners: from a run and a body to a complete walk."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,6 @@ from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.section import unknown
 from ampm.walk import RetimedPosture, WalkPlan
-
-_MOST_TRIED = 40  # footsteps of a walk that is tried with smaller ones: each takes 40 ms
 
 
 class PeriodicPlanner:
@@ -315,31 +313,10 @@ class FootstepPlanner:
         try:
             return plan(run)
         except RefusedGait as refusal:
-            if less := _easier(run, plan):
-                refusal.way_out = f"{refusal.way_out}; {less} (tried and accepted)"
+            if less := routes.easier(run, plan):
+                known = [refusal.way_out] if refusal.way_out else []
+                refusal.way_out = "; ".join([*known, f"{less} (tried and accepted)"])
             raise
-
-
-def _easier(run: RunParameters, plan: Callable[[RunParameters], WalkPlan]) -> str:
-    """Words on an easier walk than one over refused footsteps; empty if none is accepted, or with many."""
-    footsteps = list(map(routes.of_row, run.footsteps))
-    landings, width = [row.time for row in run.footsteps], run.gait.step_width
-
-    def accepted(share: float, landings: Sequence[float | None] | None) -> bool:
-        rows = routes.as_rows(routes.eased(footsteps, share, width), landings)
-        try:
-            plan(run.replace({}, footsteps=rows))
-        except (RefusedGait, InputError):
-            return False
-        return True
-
-    if len(footsteps) > _MOST_TRIED:
-        return ""
-    if any(landings) and accepted(1.0, None):
-        return "leave out their times"
-    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
-    kept = "keeps that share of lengths, turns and heights"
-    return f"routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:

@@ -7,17 +7,18 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, RefusedGait
 from ampm.files import check_columns, read_text
-from ampm.parameters import FootstepParameters
+from ampm.parameters import FootstepParameters, RunParameters
 from ampm.planner.contacts import Footstep, Side
 
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
+_MOST_TRIED = 40  # footsteps of a walk that is tried with smaller ones: each takes 40 ms
 TOE_OUT = 0.1
 """Angle by which the feet of the turning walks are turned out, so that the legs pass each other [rad]."""
 
@@ -119,6 +120,28 @@ def eased(footsteps: Sequence[Footstep | Mapping[str, Any]], share: float, width
         y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
         found.append(Footstep(step.foot, (x, y, new.position[2] + share * z), heading))
     return found
+
+
+def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
+    """Words on an easier walk than a refused one, which ``plan`` accepts; empty without one, or with many."""
+    footsteps = list(map(of_row, run.footsteps))
+    landings, width = [row.time for row in run.footsteps], run.gait.step_width
+
+    def accepted(share: float, landings: Sequence[float | None] | None) -> bool:
+        rows = as_rows(eased(footsteps, share, width), landings)
+        try:
+            plan(run.replace({}, footsteps=rows))
+        except (RefusedGait, InputError):
+            return False
+        return True
+
+    if len(footsteps) > _MOST_TRIED:
+        return ""
+    if any(landings) and accepted(1.0, None):
+        return "leave out their times"
+    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
+    kept = "keeps that share of lengths, turns and heights"
+    return f"routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 
 
 def of_row(row: FootstepParameters) -> Footstep:
