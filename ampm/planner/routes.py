@@ -141,7 +141,7 @@ def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
         return "leave out their times"
     share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
     kept = "keeps that share of lengths, turns and heights"
-    return f"routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
+    return f"ampm.planner.routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 
 
 def of_row(row: FootstepParameters) -> Footstep:

@@ -288,9 +288,9 @@ def plan_walk(
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
     tunes = says.get("tunes", False)
     name = str(getattr(planner, "name", type(planner).__name__)).strip()
-    for other in (type(planner).__name__, users.PLANNER.name_of(planner)):  # of a user's class
-        if not checked and (not name or name in users.PLANNER.known):
-            name = other
+    if not checked and (not name or name in users.PLANNER.known):  # of a user's class
+        name = type(planner).__name__
+        name = users.PLANNER.name_of(planner) if name in users.PLANNER.known else name
     if is_object:
         of_class = name if checked and name in users.PLANNER.known else users.PLANNER.name_of(planner)
         run = run.replace({"gait.planner": of_class})
