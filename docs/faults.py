@@ -156,6 +156,10 @@ def faults() -> list[Fault]:
         Fault("push", G1, "pushes", ["disturbance.push_y=80", "disturbance.push_at=1.5"]),
         Fault("short legs in the description", G1, "controller", short_legs(0.01)),
         Fault("torque bias", HUMAN, "motors", ["disturbance.torque_bias=0.5"]),
+        Fault("foot flat early", HUMAN, "feet", ["foot.full_contact=0.2"]),
+        Fault("foot flat early", G1, "feet", ["foot.full_contact=0.1"]),
+        Fault("ten iterations of a QP", HUMAN, "numerics", ["solver.max_iterations=10"]),
+        Fault("control at 40 Hz", G1, "controller", ["controller.frequency=40"]),
     ]
 
 

@@ -23,7 +23,7 @@ def case(*settings: str, **more) -> Case:
 
 def tried(of: Case) -> set[str]:
     """Layers that are not ideal already."""
-    return {change.layer for change in possible(of)}
+    return {change.layer for change, _ in possible(of)}
 
 
 def row(layer="", *, passed=False, excess=0.0, tightest=0.5, outcome="completed"):
@@ -39,7 +39,7 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
     known = {*KEYS, *SECTIONS, *OPTION_TABLES}
     assert all(set(change.keys.split()) <= known for change in CHANGES)
     usual = tried(case())
-    assert not usual & {"sensing", "motors", "body", "floor", "pushes", "planner"}
+    assert not usual & {"sensing", "motors", "body", "floor", "pushes", "planner", "gait", "feet", "posture"}
     assert usual >= {"friction", "contact law", "numerics", "controller"}
     for layer, setting in {
         "sensing": "sensors.rate_noise=0.01",
@@ -48,11 +48,25 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
         "floor": "disturbance.softness_factor=2",
         "pushes": "disturbance.push_x=10",
         "planner": "gait.planner=dcm",
+        "feet": "foot.swing_height=0.08",
+        "posture": "body.lean=0.1",
     }.items():
         assert tried(case(setting)) - usual == {layer}
+    assert "gait" in tried(case("gait.com_height=0.85"))
     assert "motors" in tried(case(strained="left_knee_pitch"))
     limits = next(change for change in CHANGES if change.layer == "motors")
-    assert case(strained="hip").text(limits) == "without torque limits (hip needs most)"
+    strained = case(strained="hip")
+    assert strained.text(limits, strained) == "without torque limits (hip needs most)"
+
+
+def test_what_is_found_anew_is_told_by_the_keys_that_differ_most():
+    early = case("foot.full_contact=0.2", "foot.heel_strike_angle=0.19", "foot.swing_height=0.051")
+    told = [early.text(change, changed) for change, changed in possible(early) if change.layer == "feet"]
+    shown = (
+        "foot.full_contact 0.2 to 0.9, foot.heel_strike_angle 0.19 to 0.2, foot.swing_height 0.051 to 0.05"
+    )
+    assert told == [f"with the motion of the feet found anew ({shown})"]
+    assert "feet" not in tried(case("gait.planner=none", "foot.swing_height=0.08"))
 
 
 def ideal(layer, tightest):

@@ -8,15 +8,18 @@ earlier it falls.
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from heapq import nlargest
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Unpack
 from xml.etree import ElementTree
 
-from ampm.exceptions import InputError
+from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
+from ampm.planner.step_planners import STEP_PLANNERS
 from validation.judge.margins import SATURATED
 from validation.judge.profiles import PUSHED, find_profile, own_profile
 from validation.judge.verdict import VerdictName
@@ -30,13 +33,13 @@ from validation.table import Table, Tabled, format_value, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
-from validation.trial.plan import Body, Request, load_request, plan_walk
+from validation.trial.plan import Body, Request, complete, load_request, plan_walk
 
 TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
 MOST = 0.5
 """Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
-REPLACED = frozenset({"contact law", "controller", "planner"})
+REPLACED = frozenset({"contact law", "controller", "planner", "gait", "feet", "posture"})
 """Layers of which another one is tried; the others are made ideal."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
 _LEAST_GAIN = 0.01  # share of a limit or of the excess that a change takes to be named [1]
@@ -52,15 +55,14 @@ class Change:
     layer: str  # its name
     text: str  # what is changed; "it passes" may follow
     keys: str  # that change, and sections, separated by spaces
-    value: str  # `default`, a factor such as `x0.5`, `another`, or the value itself
+    value: str  # `default`, a factor such as `x0.5`, `another`, `found` by a search, or the value itself
 
     def values(self, run: RunParameters) -> Values:
         """New values by key, of a run."""
         wanted = self.keys.split()
         changed = [key for key in FIELDS if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":  # the project's controller with its settings for the body, else tighter
-            usual = load_request(None, sections={"body": {"source": run.body.source}}).run
-            values = {key: usual.value(key) for key in KEYS if key.startswith("controller.")}
+            values = {key: _usual(run).value(key) for key in KEYS if key.startswith("controller.")}
             values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
             if any(run.value(key) != value for key, value in values.items()):
                 return values
@@ -92,6 +94,8 @@ class Case:
     def changed(self, change: Change) -> "Case":
         """With a change; equal if the layer is ideal already, InputError if it does not fit the run."""
         old = self.request.run
+        if change.value == "found":
+            return self.found_anew(change.keys) if _tunes(old) else self
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
         if change.layer == "planner" and values:  # feet and posture are found for it
@@ -107,15 +111,31 @@ class Case:
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
 
-    def text(self, change: Change) -> str:
-        """What is changed, with the keys if they are few."""
-        old, new = self.request.run, self.changed(change).request.run
-        values = {key: (old.value(key), new.value(key)) for key in FIELDS}
-        changed = {key: pair for key, pair in values.items() if pair[0] != pair[1]}
-        if change.layer == "motors" and not changed:
+    def found_anew(self, section: str) -> "Case":
+        """With the open values of a section found, from the usual ones; RefusedGait if nothing is found."""
+        run = self.request.run
+        keys = {key for key in OPEN_KEYS if key.startswith(section)}
+        usual = _usual(run)
+        opened = run.replace({key: usual.value(key) for key in keys}).giving(run.given - keys)
+        return replace(self, request=complete(replace(self.request, run=opened)))
+
+    def text(self, change: Change, changed: "Case") -> str:
+        """What a change changes, with the keys whose values differ most."""
+        old, new = self.request.run, changed.request.run
+        pairs = {key: (old.value(key), new.value(key)) for key in FIELDS if old.value(key) != new.value(key)}
+        if change.layer == "motors" and not pairs:
             return f"without torque limits ({self.strained} needs most)"
-        shown = ", ".join(f"{key} {' to '.join(map(format_value, pair))}" for key, pair in changed.items())
-        return f"{change.text} ({shown})" if 0 < len(changed) <= _SHOWN else change.text
+        most = nlargest(_SHOWN, pairs, key=lambda key: _difference(*pairs[key]))
+        shown = [f"{key} {' to '.join(map(format_value, pairs[key]))}" for key in most]
+        shown += [f"{len(pairs) - _SHOWN} more"] if len(pairs) > _SHOWN else []
+        return f"{change.text} ({', '.join(shown)})" if shown else change.text
+
+
+def _difference(old: Any, new: Any) -> float:
+    """Of two values, as a share of the larger; of what are no numbers 1 [1]."""
+    if not isinstance(old, int | float) or not isinstance(new, int | float):
+        return 1.0
+    return abs(new - old) / max(abs(new), abs(old))
 
 
 def walk_case(case: Case) -> Row:
@@ -154,6 +174,11 @@ def walk_case(case: Case) -> Row:
         "strained": torque.value >= SATURATED,
         "metrics": metrics,
     }
+
+
+def _usual(run: RunParameters) -> RunParameters:
+    """The project's own settings for the body of a run."""
+    return load_request(None, sections={"body": {"source": run.body.source}}).run
 
 
 def _stronger(body: Body) -> Body:
@@ -280,18 +305,16 @@ def explain(
     case = replace(given, request=planned.request)
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
-    tasks = {
-        change: Task(case.text(change), walk_case, {"case": case.changed(change)})
-        for change in possible(case)
-    }
+    changes = possible(case)
+    tasks = [Task(case.text(*pair), walk_case, {"case": pair[1]}) for pair in changes]
     label = f"{planned.name}: layers"
-    found = {row["key"]: row for row in walk_many(tasks.values(), label=label, unit="changes", **execution)}
+    walked = {row["key"]: row for row in walk_many(tasks, label=label, unit="changes", **execution)}
     rows = []
-    for change, task in tasks.items():
-        row = found[task.key]
+    for pair, task in zip(changes, tasks, strict=True):
+        row = walked[task.key]
         # Without limits the motor shows that needs more than its own.
-        text = replace(case, strained=row.get("motor", case.strained)).text(change)
-        rows.append({"layer": change.layer, "text": text, **row})
+        text = replace(case, strained=row.get("motor", case.strained)).text(*pair)
+        rows.append({"layer": pair[0].layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
         write_json(place / RunFile.EXPLANATION, result.as_dict())
@@ -319,13 +342,17 @@ def _saved_case(folder: Path) -> Case:
     return Case(replace(request, run=run), saved.summary["profile"], (Recorded(record),))
 
 
-def possible(case: Case) -> Iterator[Change]:
-    """The changes that change anything and fit the run."""
+def possible(case: Case) -> list[tuple[Change, Case]]:
+    """The changes that change anything and fit the run, and the cases with them."""
+    pairs = []
     for change in CHANGES:
         if case.request.run.gait.planner == NO_PLAN and change.layer in ("controller", "planner"):
             continue  # another one is asked for another walk
-        try:
-            if case.changed(change) != case:
-                yield change
-        except InputError:
-            continue
+        with suppress(InputError, RefusedGait):
+            pairs.append((change, case.changed(change)))
+    return [pair for pair in pairs if pair[1] != case]
+
+
+def _tunes(run: RunParameters) -> bool:
+    """Whether a search finds values for a run's plan."""
+    return run.gait.planner in ("ampm", *STEP_PLANNERS) and not run.footsteps
