@@ -15,7 +15,7 @@ from validation.judge.built_in import has_qp
 from validation.judge.compare import SIGNALS, Comparison
 from validation.judge.metric import display_unit
 from validation.judge.metrics import METRICS, added_metrics
-from validation.judge.profiles import Profile
+from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready
 from validation.table import format_number, with_uncertainty
@@ -203,7 +203,7 @@ def judge(
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     own = {metric.name for metric in added_metrics()}
-    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log, profile.name)
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
@@ -212,7 +212,11 @@ def judge(
 
 
 def _conclude(
-    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any] | None
+    results: Sequence[MetricResult],
+    missing: list[str],
+    limits: int,
+    log: Mapping[str, Any] | None,
+    profile: str,
 ) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
@@ -229,10 +233,11 @@ def _conclude(
     why = f"the numerical uncertainty{laws} is larger than the distance to the limit"
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
+    tolerances = "tolerances" if profile == DEFAULT.name else f"tolerances of the profile {profile}"
     if failed:
         relative = [item for item in failed if item.tolerance]  # nothing tells how far is from a limit of 0
         worst = min(relative or failed, key=lambda item: item.margin or 0.0)
-        reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}"
+        reason = f"{len(failed)} of {limits} {tolerances} not met; the furthest is {against(worst)}"
         if relative and (zero := [item for item in failed if not item.tolerance]):
             reason += f", and {against(zero[0])}"
         reason += "."
@@ -258,7 +263,7 @@ def _conclude(
             reason += f", which contact laws change by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     tight = min((item for item in passed if item.tolerance), key=lambda item: item.margin or 0.0)
-    return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
+    return VerdictName.PASS, f"All {limits} {tolerances} met; the tightest is {against(tight)}."
 
 
 def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> dict[str, Any]:
