@@ -18,8 +18,8 @@ from validation.judge.log import find_place, find_start, mean_stride
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
-from validation.measure.columns import map_columns
-from validation.measure.log import COLUMNS, Log, log_record, measure_log, read_log
+from validation.measure.columns import NAMES, map_columns
+from validation.measure.log import Log, log_record, measure_log, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -79,7 +79,7 @@ def judge_log(
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
-    for column, meant in misspelt(signals, [part for parts in COLUMNS.values() for part in parts]):
+    for column, meant in misspelt(signals, NAMES[1:]):
         progress.say(f"{name}: column {column} is not used; did you mean {meant}?")
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)

@@ -20,6 +20,7 @@ from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
 from validation.store.saved import read_summary
 from validation.trial.disturbances import Disturbance
+from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
 from validation.trial.record import SimulationRecord
@@ -44,7 +45,7 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
     elif len(requests) == 1:
         folders = [out]
     else:
-        if (out / "run.toml").exists():
+        if (out / RunFile.RUN).exists():
             raise InputError(f"{out} is itself the folder of a run; give another folder.")
         folders = [out / item.name for item in requests]
     for folder in folders:

@@ -25,7 +25,7 @@ from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.store.summary import read_json
 from validation.table import Table, format_number, short_unit
 from validation.trial.files import RunFile
-from validation.trial.outcome import OutcomeName
+from validation.trial.outcome import SENTENCES, OutcomeName
 
 _OTHERS = ("solver", "motion", "timing", "environment")
 """Entries of the summary that are shown as they are."""
@@ -60,7 +60,7 @@ def render(saved: SavedRun) -> str:
         verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "",
         headline=headline,
         reason=short_unit(summary["reason"]),
-        outcome_sentence="" if saved.is_log else outcome.name.sentence,
+        outcome_sentence="" if saved.is_log else SENTENCES[outcome.name],
         disturbed="; ".join(text for text in told if not text.startswith("sensors.")),
         sensed="; ".join(text for text in told if text.startswith("sensors.")),
         has_strides=bool(strides(saved.signals)),

@@ -259,7 +259,7 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
     events: list[tuple[float, str, str]] = []
     if len(signals):
         time = signals.time
-        for foot in ("left", "right"):
+        for foot in FEET:
             contact = signals[f"{foot}_contact"]
             for row in np.flatnonzero(contact[1:] != contact[:-1]) + 1:
                 verb = "touches the floor" if contact[row] else "leaves the floor"

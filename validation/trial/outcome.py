@@ -1,5 +1,6 @@
 """How a run ends: a name and a sentence."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -14,17 +15,16 @@ class OutcomeName(StrEnum):
     CRASHED = "crashed"
     INTERRUPTED = "interrupted"
 
-    @property
-    def sentence(self) -> str:
-        """Meaning of the name."""
-        return {
-            OutcomeName.COMPLETED: "The walk lasted to its end.",
-            OutcomeName.FELL: "The body fell.",
-            OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
-            OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
-            OutcomeName.CRASHED: "A controller, planner, estimator or disturbance failed.",
-            OutcomeName.INTERRUPTED: "The run was interrupted.",
-        }[self]
+
+SENTENCES: Mapping[OutcomeName, str] = {
+    OutcomeName.COMPLETED: "The walk lasted to its end.",
+    OutcomeName.FELL: "The body fell.",
+    OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
+    OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
+    OutcomeName.CRASHED: "A controller, planner, estimator or disturbance failed.",
+    OutcomeName.INTERRUPTED: "The run was interrupted.",
+}
+"""Meaning of each name."""
 
 
 @dataclass(frozen=True)
@@ -56,4 +56,4 @@ class Outcome:
             return ""
         when = f" at {self.time:.3f} s"
         when, cause = "" if when in self.cause else when, f": {self.cause.rstrip('.')}" if self.cause else ""
-        return f"{self.name.sentence[:-1]}{when}{cause}."
+        return f"{SENTENCES[self.name][:-1]}{when}{cause}."
