@@ -8,6 +8,7 @@ import validation as val
 from ampm.exceptions import InputError
 from ampm.parameters import GaitParameters
 from ampm.planner.periodic import plan_gait
+from docs.examples import eurobench
 from validation.run.judge_log import log_columns
 from validation.store.tables import write_columns
 
@@ -134,7 +135,7 @@ def test_a_run_of_eurobench(tmp_path):
     for name, columns in tables.items():
         write_columns({"time": time, **columns}, path := tmp_path / f"{name}.csv")
         path.write_text(path.read_text().replace(",", ";"))
-    table = val.read_eurobench(tmp_path, model, soles)
+    table = eurobench.read_run(tmp_path, model, soles)
     state = pin.neutral(model)
     state[:3] = [base[f"base_link_t{axis}"][7] for axis in "xyz"]
     z, y, x = (base[f"base_link_r{axis}"][7] for axis in "zyx")
@@ -152,10 +153,10 @@ def test_a_run_of_eurobench(tmp_path):
     under = [table[f"{foot}_sensor_z"] for foot in ("left", "right")]
     np.testing.assert_array_equal(table["floor"], np.where(loads["force_z"] > 0.0, *under))
     with pytest.raises(InputError, match="the model has no frame 'paw'"):
-        val.read_eurobench(tmp_path, model, {"left": "paw", "right": "paw"})
+        eurobench.read_run(tmp_path, model, {"left": "paw", "right": "paw"})
     (tmp_path / "ftr.csv").write_text("time;force_x\n0;1\n")
     with pytest.raises(InputError, match="has no column 'force_y'"):
-        val.read_eurobench(tmp_path, model, soles)
+        eurobench.read_run(tmp_path, model, soles)
 
 
 @pytest.mark.parametrize("suffix", ["c3d", "mcap"])

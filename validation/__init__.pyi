@@ -4,7 +4,6 @@ from validation.judge.metrics import Metric as Metric
 from validation.judge.metrics import register as register
 from validation.judge.metrics import unregister as unregister
 from validation.judge.uncertainty import load_uncertainty as load_uncertainty
-from validation.measure.readers.eurobench import read_eurobench as read_eurobench
 from validation.progress import Progress as Progress
 from validation.run.fit import Fit as Fit
 from validation.run.fit import fit_log as fit_log

@@ -14,7 +14,7 @@ from validation.trial.users import read_columns
 _FEET = {"left": "ftl", "right": "ftr"}
 
 
-def read_eurobench(folder: str | Path, model: pin.Model, soles: Mapping[str, str]) -> dict[str, Any]:
+def read_run(folder: str | Path, model: pin.Model, soles: Mapping[str, str]) -> dict[str, Any]:
     """Read ``pos.csv``, ``ftl.csv`` and ``ftr.csv`` as columns of a log, with COM and soles by kinematics.
 
     Args:
