@@ -234,21 +234,21 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     walkable = {(tasks[row], replicas[row]) for row in np.flatnonzero(~refused)}
     for place, found in groups.items():
         rows = np.array(found)
-        asked = np.array([(place[0], replicas[row]) in walkable for row in found])  # by any planner
-        tried = rows[asked & ~refused[rows].all()]  # none of a task that it leaves out
-        tried = tried[~unsound[tried]]  # the numbers of others are not reliable
-        if table.is_state(RunState.REFUSED, *BROKEN)[tried].all():  # no answer about its walk
-            tried = tried[:0]
-        keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in tried.tolist()}
-        different = {keys[row]: row for row in reversed(keys)}  # of those that did not complete none is equal
-        walked = np.array(sorted(different.values()), dtype=int)
-        done = walked[completed[walked]]
+        expected = np.array([(place[0], replicas[row]) in walkable for row in found])  # some planner walks it
+        counted = rows[expected & ~refused[rows].all()]  # no run of a task that this planner leaves out
+        counted = counted[~unsound[counted]]  # the numbers of others are not reliable
+        if table.is_state(RunState.REFUSED, *BROKEN)[counted].all():  # no answer about its walk
+            counted = counted[:0]
+        keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in counted.tolist()}
+        first = {keys[row]: row for row in reversed(keys)}  # runs without an error are never equal
+        distinct = np.array(sorted(first.values()), dtype=int)
+        done = distinct[completed[distinct]]
         states = RunState.NOT_MEASURED, RunState.REFUSED, *BROKEN
         ends = [(state, rows[table.is_state(state)[rows]]) for state in states]
         notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
         if wrong := np.count_nonzero(unsound[rows]):
             notes.append(f"{wrong} fail a check of the measurement and do not count")
-        if equal := len(tried) - len(walked):
+        if equal := len(counted) - len(distinct):
             notes.append(f"{equal} equal another one to the bit: they count once")
         usual = pace[np.array(tasks) == place[0]]
         faster = _median(pace[done]) / _median(usual[np.isfinite(usual)]) - 1.0
@@ -257,14 +257,14 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         cells.append(
             TaskResult(
                 *place,
-                runs=len(walked),
+                runs=len(distinct),
                 survived=len(done),
                 error=_median(errors[done][np.isfinite(errors[done])]),
                 effort=_median(table.numbers(EFFORT)[done]),
                 notes=tuple(notes),
                 errors={replicas[row]: float(errors[row]) for row in done if np.isfinite(errors[row])},
-                completed=[(replicas[row], bool(completed[row])) for row in walked],
-                replicas=frozenset(replicas[row] for row in tried),
+                completed=[(replicas[row], bool(completed[row])) for row in distinct],
+                replicas=frozenset(replicas[row] for row in counted),
             )
         )
     numbers = table.table["run"].to_pylist()
