@@ -40,7 +40,7 @@ class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
 def tracking(env):
     """The controller of a walk, for an environment."""
     planned = env.physics.planned
-    controller = TrackingController(planned.body.again(), planned.run.undisturbed)
+    controller = TrackingController(planned.body.own_robot(), planned.run.undisturbed)
     controller.follow(planned.plan, env.physics.walk.timing)
     return lambda: controller.update(*env.physics.sensed).torque
 

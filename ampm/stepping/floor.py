@@ -12,8 +12,8 @@ DEEP_IN = 0.0018
 """A sole with a point deeper than this does not lie as the floor does [m]."""
 LIFT = 0.5
 """Integral gain of the COM's height, times omega^3 [1]."""
-SANK, DEEP = 0.0015, 0.01
-"""The height's error is fed back from the first on, and counts at most as the second [m]."""
+DEAD_BAND, SATURATION = 0.0015, 0.01
+"""Error of the COM's height from which on it is fed back, and that counts at most [m]."""
 TIPPED = 0.9
 """A touch is a landing only if the cosine of the foot's tilt is larger: a foot that was hit scuffs [1]."""
 AS_PLANNED = 0.993
@@ -95,8 +95,8 @@ def step_up(stepper: Stepper, foot: int, position: Array, rotation: Array, floor
 def hold_height(stepper: Stepper, height: float) -> None:
     """Integrate how far the COM is under its reference, a height [m], into the commanded force's factor."""
     state: SteppingState = stepper.state[0]
-    error = clip(height - stepper.body.com[2], -DEEP, DEEP)
-    if state.force_factor != 1.0 or abs(error) > SANK:
+    error = clip(height - stepper.body.com[2], -SATURATION, SATURATION)
+    if state.force_factor != 1.0 or abs(error) > DEAD_BAND:
         change = LIFT * stepper.omega**3 / stepper.body.gravity * error * stepper.tick
         state.force_factor = clip(state.force_factor + change, 0.9, 1.1)
 

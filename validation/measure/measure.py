@@ -87,7 +87,7 @@ def measure(record: SimulationRecord, model: pin.Model, passive: PassiveJoints |
 
     The force of step k acts at q_k and turns v_k into v_(k+1). So the momentum rate of row k is that of the
     accelerations (v_(k+1) - v_k) / dt at (q_k, v_k), where the simulator evaluates the equations of motion. A
-    difference of recorded momenta would be off by half a step.
+    difference of recorded momenta would be off by half a step, as q_k and v_k belong to different instants.
 
     Args:
         record: the run.

@@ -100,8 +100,8 @@ class Body(Brief):
         shapes = shapes or Shapes(compiled)
         return cls(model, Robot(pinocchio_model(compiled), model.description, shapes), shapes)
 
-    def again(self) -> Robot:
-        """A robot of its own for a user's class, whose changes reach no other part of the walk."""
+    def own_robot(self) -> Robot:
+        """A new robot for a user's class, whose changes reach no other part of the walk."""
         return Body.of(self.model).robot
 
 
@@ -283,10 +283,10 @@ def plan_walk(
                 request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
                 request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
                 run = request.run
-    says = vars(type(planner))  # see ampm.walk.Planner
+    declared = vars(type(planner))  # see ampm.walk.Planner
     # Ours need no checks of their plans. A class that only says so would not be held to the run.
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
-    tunes = says.get("tunes", False)
+    tunes = declared.get("tunes", False)
     name = str(getattr(planner, "name", type(planner).__name__)).strip()
     if not checked and (not name or name in users.PLANNER.known):  # of a user's class
         name = type(planner).__name__
@@ -295,7 +295,7 @@ def plan_walk(
         of_class = name if checked and name in users.PLANNER.known else users.PLANNER.name_of(planner)
         run = run.replace({"gait.planner": of_class})
         request = replace(request, run=run)
-    _check_request(request, name, says, progress, is_ours=checked)
+    _check_request(request, name, declared, progress, is_ours=checked)
     body = None
     if tunes:
         name = "" if name == "ampm" else name
@@ -313,7 +313,7 @@ def plan_walk(
         progress.stage(f"{request.name}: whole-body motion"),
         _way_out(asked) if checked else users.UsersCode("planner", planner),
     ):
-        plan = planner.plan(run.undisturbed, body.robot if checked else body.again())
+        plan = planner.plan(run.undisturbed, body.robot if checked else body.own_robot())
         if not isinstance(plan, WalkPlan):
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
@@ -325,7 +325,7 @@ def plan_walk(
 
 
 def _check_request(
-    request: Request, name: str, says: Mapping[str, Any], progress: Progress, *, is_ours: bool
+    request: Request, name: str, declared: Mapping[str, Any], progress: Progress, *, is_ours: bool
 ) -> None:
     """Refuse what a planner does not do, by what its class says, and tell which keys have no effect."""
     run = request.run
@@ -338,7 +338,7 @@ def _check_request(
     if idle and not any(run.value(f"disturbance.push_{axis}") for axis in "xyz"):
         progress.say(f"{request.name}: no force in disturbance.push_x, y or z; not used: {', '.join(idle)}")
     commanded = any(key.startswith("command.") for key in request.changed)
-    follows = name == NO_PLAN or not (is_ours or "gait_keys" in says)
+    follows = name == NO_PLAN or not (is_ours or "gait_keys" in declared)
     if (commanded or run.command != CommandParameters()) and not follows:
         raise InputError(
             f"the planner {name or 'ampm'} follows no command; leave out command.*, or take --planner none.",
@@ -347,14 +347,14 @@ def _check_request(
     if name == NO_PLAN and run.controller.name in users.CONTROLLER.known and any(run.command.at(math.inf)):
         stands = f"the controller {run.controller.name} follows no command: it stands"
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
-    if run.footsteps and not says.get("plans_footsteps", True):
+    if run.footsteps and not declared.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
     if run.footsteps and "gait.steps" in run.given:
         progress.say(f"{request.name}: walks its footsteps, not gait.steps")
-    if "gait_keys" in says:
+    if "gait_keys" in declared:
         noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
         noted = {key for key in noted if run.value(key) != key_info(key).default}
-        unused = {*request.changed, *noted} - {*says["gait_keys"]}
+        unused = {*request.changed, *noted} - {*declared["gait_keys"]}
         if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
             progress.say(f"{request.name}: the planner {name} does not use: {keys}")
 

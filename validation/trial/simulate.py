@@ -72,10 +72,10 @@ def simulate(
     plan, run, replanner = planned.plan, planned.run, planned.replanner
     steps = None if replanner is None or run.footsteps else run.gait.steps
     physics = Physics(planned.scene, run)
-    factory = controller or CONTROLLER.find(*CONTROLLER.named(run))
-    known = planned.body.again()
-    with UsersCode("controller", factory):
-        follower = factory(known, run.undisturbed, **run.controller.options)
+    make_controller = controller or CONTROLLER.find(*CONTROLLER.named(run))
+    robot = planned.body.own_robot()
+    with UsersCode("controller", make_controller):
+        follower = make_controller(robot, run.undisturbed, **run.controller.options)
     course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
     end = math.inf if replanner else course.total * physics.time_step
     forces = forces_of(run, disturbances, end)
@@ -83,7 +83,7 @@ def simulate(
     estimating = stand(planned, physics) if stands else None
     start = place(physics, run, course.table[0])
     if estimating is None:
-        estimating = make_estimator(run, known, start)
+        estimating = make_estimator(run, robot, start)
     else:
         estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
@@ -98,7 +98,7 @@ def simulate(
     tick = physics.substeps * physics.time_step
     since = tuple(first * tick for first in course.since)
     followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
-    outcome, ours = record.outcome, factory is TrackingController
+    outcome, ours = record.outcome, make_controller is TrackingController
     if plan.command is not None:
         outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
@@ -110,13 +110,13 @@ def simulate(
     record = replace(
         record,
         outcome=replace(outcome, cause=f"{outcome.cause}; {way_out}") if way_out else outcome,
-        controller="" if ours else CONTROLLER.name_of(factory),
+        controller="" if ours else CONTROLLER.name_of(make_controller),
         followed=followed,
         changes=followed.changes,
         tick_plan=followed.numbers(record.tick_time),
     )
     floor = surfaces(run.disturbance, plan.contacts)
-    return record if np.array_equal(floor, [0.0]) else _on_floor(record, floor)
+    return record if np.array_equal(floor, [0.0]) else _with_floor(record, floor)
 
 
 def stand(planned: PlannedWalk, physics: Physics) -> Any:
@@ -124,7 +124,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
 
     Raises :class:`InputError` if the floor is not level, the estimator has no ``begin``, or the body falls.
     """
-    robot, way_out = planned.body.again(), "or sensors.stand = 0"
+    robot, way_out = planned.body.own_robot(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
         raise InputError(f"sensors.stand needs a level floor at z = 0; take no slopes or heights, {way_out}.")
     still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
@@ -169,7 +169,7 @@ def place(physics: Physics, run: RunParameters, start: Reference) -> State:
     return State(0.0, q, start.v, 0.5 * physics.time_step)
 
 
-def _on_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
+def _with_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
     """A record with the heights of its floor; the commanded ZMP, which is on z = 0, moves onto the floor.
 
     The height of the floor at a tick is that under the contacts of the step before it.
