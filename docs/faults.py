@@ -157,7 +157,7 @@ def faults() -> list[Fault]:
         Fault("short legs in the description", G1, "controller", short_legs(0.01)),
         Fault("torque bias", HUMAN, "motors", ["disturbance.torque_bias=0.5"]),
         Fault("foot flat early", HUMAN, "feet", ["foot.full_contact=0.2"]),
-        Fault("foot flat early", G1, "feet", ["foot.full_contact=0.1"]),
+        Fault("foot flat early", G1, "feet", ["foot.full_contact=0.15"]),
         Fault("ten iterations of a QP", HUMAN, "numerics", ["solver.max_iterations=10"]),
         Fault("control at 40 Hz", G1, "controller", ["controller.frequency=40"]),
     ]

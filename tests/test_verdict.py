@@ -154,7 +154,15 @@ def test_profiles_are_found_by_name_and_by_preset(tmp_path):
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"ipm": "jumps"}  # no other demo may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
-    assert own_profile("pitch", gait.replace({}, footsteps=steps)).name == "footsteps"
+    over_footsteps = gait.replace({}, footsteps=steps)
+    assert own_profile("pitch", over_footsteps).name == "footsteps"
+    estimating = own_profile("pitch", over_footsteps.replace({"sensors.estimator": "kalman"}))
+    limits, steps_limits, odometry = (
+        {item.metric: item.limit for item in find_profile(profile).tolerances}
+        for profile in (estimating, "footsteps", "odometry")
+    )
+    of_steps = {name: steps_limits[name] for name in ("angular_momentum_x_rmse", "angular_momentum_y_rmse")}
+    assert limits == {**odometry, **of_steps}
     assert own_profile("pitch", gait, [Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
     estimated, fixed = {"estimator": "kalman"}, {"estimator": "kalman", "fix_rate": 100}
     runs = [load_run("pitch", sensors=keys) for keys in ({}, estimated, fixed, {"rate_noise": 0.01})]

@@ -29,6 +29,7 @@ _LOST = 0.1  # longest time of a step in which a leg may not reach [s]: the cont
 _WINDOW = 0.06  # time over which a torque is averaged [s]
 _MOST = 1.1  # largest mean share of a torque limit [1]
 _SPIKE = 3.0  # share that counts at most [1]: next to a straight leg it has no bound
+_STRAIGHTENS = 8.0  # knee's rate in double support from which the leg counts as straight [rad/s]
 _NEARER = 5e-4  # by which parts may come nearer in the walk [m]: .43 mm at most in 40 walks
 _INSTANTS = 7  # of every swing at which the upright body's ranges are checked
 _BEYOND = 0.05
@@ -249,6 +250,8 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         piece = piece._replace(velocity=velocity)
         try:
             step = ik.integrate(piece, q, v)
+            if stance[k] == 2 and np.abs(step.v[:, robot.knee_joints]).max() > _STRAIGHTENS:
+                raise Unreachable(float(edges[k]), "a leg that stands gets straight")
         except Unreachable as error:
             lost.append((float(edges[k]), float(edges[k + 1]), error))
             q, v = _upright(ik, piece, posture, robot)

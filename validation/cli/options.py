@@ -27,7 +27,7 @@ STOPPED = "5 stopped and 130 interrupted: --resume goes on."
 EXITS = f"2 bad input or refused, 4 crash of ampm itself, {STOPPED}"
 WALK, LOOK, CHECK, BODIES = "Walk", "Look", "Check", "Bodies and gaits"
 """Groups of commands in ``ampm --help``."""
-PROFILES = "default, strict, jumps, footsteps, odometry, pushed or free"
+PROFILES = "default, strict, jumps, footsteps, odometry, odometry-footsteps, pushed or free"
 
 
 class Status(IntEnum):

@@ -20,7 +20,7 @@ import numpy as np
 from ampm.exceptions import InputError, words_of
 from validation.judge.built_in import COMPUTED
 from validation.judge.compare import RUN, SIGNALS, Comparison, signal_pairs
-from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, Metric, limit_in_si, size_in_si
+from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, Metric, size_in_si
 from validation.table import own_rows
 from validation.trial.users import load_object
 
@@ -169,11 +169,10 @@ def _recovery_time(walk: Comparison) -> float | None:
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
     if walk.plan.command is not None or not pushed.size:
         return None
-    limits = {}
-    for name, metric in METRICS.items():
-        found = metric.tolerances.get(walk.unpushed, metric.tolerances.get("default"))
-        if found is not None and not (walk.unpushed == "odometry" and name.startswith(("zmp_x", "zmp_y"))):
-            limits[name] = float(limit_in_si(found, metric.tolerance_unit, walk.scales))
+    from validation.judge.profiles import PROFILES  # imported here: it reads these metrics
+
+    tolerances = PROFILES[walk.unpushed].tolerances
+    limits = {item.metric: float(item.limit_for(walk.scales)) for item in tolerances}
     duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
     step = max(round(duration / record.time_step), 1)
     first = int(pushed[-1]) + 1
