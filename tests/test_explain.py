@@ -84,6 +84,12 @@ def ideal(layer, tightest):
         # Without a pass most of the excess counts, and a little names nobody.
         (FAILED, [row("floor", excess=0.9, tightest=1.5)], "floor", ""),
         (FAILED, [row("floor", excess=1.8, tightest=2.5)], "", "with floor 90% of the excess is left."),
+        (
+            row(excess=1e4, outcome="fell"),
+            [row("floor", excess=0.4, tightest=1.3)],
+            "floor",
+            "with floor it is completed, but fails: 130% of the tightest limit is used.",
+        ),
         (PASSED, [ideal("body", 0.25)], "", "with body 25% of the tightest limit"),
         (PASSED, [ideal("body", 0.5)], "", "It passes, and no layer costs margin."),
     ],

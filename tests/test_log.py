@@ -106,6 +106,13 @@ def test_of_strides_that_fit_alike_the_middle_one_is_taken(folder, table):
     assert trial.summary["log"]["start"] == pytest.approx(4.0 * trial.plan.constants.step_duration, abs=1e-3)
 
 
+def test_a_log_without_a_whole_step_is_partial(folder, table):
+    part = slice(500, 780)  # 0.7 s of 0.78 s
+    trial = val.judge_log({name: values[part] for name, values in table.items()}, folder, start=0.0)
+    assert trial.verdict.name == "partial"
+    assert trial.verdict.reason.startswith("Pass on 11 of 11; no step of the plan is whole.")
+
+
 def test_strides_that_a_gap_touches_are_left_out():
     time = np.r_[0.0:1.5:0.01, 2.25:6.5:0.01]
     log: Any = SimpleNamespace(time=time, time_step=0.01)

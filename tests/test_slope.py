@@ -11,7 +11,8 @@ from ampm.planner import routes
 from ampm.planner.newton import check_newton
 from ampm.planner.sampled import sampled_plan
 from tests import properties
-from validation.trial.plan import load_request, plan_walk
+from validation.progress import Progress
+from validation.trial.plan import complete, load_request, plan_walk
 
 STEEP = 0.0524
 FOOTSTEPS = routes.as_rows(routes.straight(4, 0.5, 0.18))
@@ -52,6 +53,13 @@ def test_only_heights_change_with_the_slope(plans):
     np.testing.assert_allclose(here, there, atol=1e-12)
     assert np.abs(uphill.zmp - level.zmp).max() < 3e-3
     assert check_newton(plans[1]) < 1e-8
+
+
+def test_a_search_across_a_slope_says_what_it_found():
+    said = []
+    progress = type("Said", (Progress,), {"say": lambda self, text: said.append(text)})()
+    complete(load_request("normal", ["gait.cross_slope=-0.05"]), progress)
+    assert said == ["normal, gait.cross_slope -0.05: the open values fit as they are"]
 
 
 def test_soles_lie_on_the_slope_and_move_continuously(plans):

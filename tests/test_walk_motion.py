@@ -49,6 +49,14 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
     assert walk.gap.min() == pytest.approx(clearance, abs=2e-3)
 
 
+@pytest.mark.parametrize("landing", [4.7, 6.0])
+def test_after_a_stand_a_leg_gets_straight_and_the_walk_is_accepted(landing) -> None:
+    rows = [dict(row) for row in routes.as_rows(routes.straight(10, 0.35, 0.2))]
+    rows[4]["time"] = landing
+    run = HUMAN.replace({}, footsteps=rows)
+    FootstepPlanner().plan(run, make_body(run).robot)
+
+
 def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:
     run = gait_of("g1")
     faster = {"gait.switching_velocity": 1.2 * run.gait.switching_velocity}

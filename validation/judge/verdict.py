@@ -171,8 +171,8 @@ def judge(
         uncertainty: a metric whose distance to its tolerance is below its numerical uncertainty, or its
             spread over contact laws, is undecided.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
-        log: facts of the log if another instrument measured, which may lack signals, or ``left_out``, a share
-            of the time: they are named. It checks no measurement by another.
+        log: facts of the log if another instrument measured, which may lack signals, a whole step, or
+            ``left_out``, a share of the time: they are named. It checks no measurement by another.
     """
     is_log = log is not None
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
@@ -248,6 +248,8 @@ def _conclude(
     )
     if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
         lacks.append(f"{left_out:.1%} of the time is left out")
+    if log is not None and log.get("steps") == 0:
+        lacks.append("no step of the plan is whole")
     if lacks and log is not None and passed and not undecided:
         lack = ", and ".join(lacks)
         return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {lack}."

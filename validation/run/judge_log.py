@@ -88,6 +88,7 @@ def judge_log(
         log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)
         measured = measure_log(log, walked.mass, walked.gravity)
         steps, planned_steps = _steps(log, walked), walked.contacts.steps
+        facts |= {} if strides else {"steps": steps}
         record = log_record(log, measured, steps)
         comparison = compare(walked, record, measured)
         values = evaluate(comparison)

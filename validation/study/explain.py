@@ -268,7 +268,10 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     left = best["excess"] / trial["excess"]
     if left > 1.0 - _LEAST_GAIN:
         return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
-    said = f"Nothing restores the pass; {text} {left:.0%} of the excess is left."
+    rest = f"{left:.0%} of the excess is left"
+    if best["outcome"] == OutcomeName.COMPLETED != trial["outcome"]:
+        rest = f"it is completed, but fails: {best['tightest']:.0%} of the tightest limit is used"
+    said = f"Nothing restores the pass; {text} {rest}."
     return (layer, f"The {layer}. {said}") if left <= MOST else ("", said)
 
 

@@ -381,8 +381,8 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         level = run.replace({"gait.cross_slope": 0.0}).giving(run.given)
         tuned = tune(level, body.robot, progress=stage.note)
     if run.gait.cross_slope:
-        run = tuned.run.replace({"gait.cross_slope": run.gait.cross_slope})
-        tuned = replace(tuned, run=run, plan=PeriodicPlanner().plan(run, body.robot))
+        across = tuned.run.replace({"gait.cross_slope": run.gait.cross_slope})
+        tuned = replace(tuned, run=across, plan=PeriodicPlanner().plan(across, body.robot))
     if leaves_open(run):
         progress.say(f"{request.title}: {_summary(run, tuned)}")
     return PlannedWalk(replace(request, run=tuned.run), tuned.plan, body, tuned=tuned)
