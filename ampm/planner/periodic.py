@@ -25,14 +25,18 @@ RESIDUAL_LIMIT = 1e-9
 def plan(run: RunParameters | str | Path) -> CentroidalPlan:
     """Plan a run's gait in closed form, with the mass of its body.
 
+    This is the AMPM, or the ``lipm``; other planners need a body (:class:`ampm.PeriodicPlanner`).
+
     Args:
         run: parameters, or a preset or TOML file.
 
     Raises:
-        InputError: no such preset or file.
+        InputError: no such preset or file, or the run has footsteps.
         MathematicalRefusal: the closed form has no solution, or none that can be computed.
     """
     run = run if isinstance(run, RunParameters) else load_run(run)
+    if run.footsteps:
+        raise InputError("ampm.plan plans equal steps; over footsteps take ampm.plan_footsteps.")
     return plan_gait(run.gait, run.body.mass)
 
 

@@ -155,6 +155,8 @@ def plan_tables(
         f"{plan.contacts.steps} step{'s' * (plan.contacts.steps != 1)} in {plan.duration:.2f} s",
         f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
     ]
+    if request.run.footsteps:
+        notes.append("the constants are those of the gait's equal steps; footsteps differ in length and time")
     report = {} if walk is None else walk.plan.posture.report()
     if margin is not None:
         millimetres = round(1000 * margin[0], 1) + 0.0  # without a sign of zero
