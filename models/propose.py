@@ -22,6 +22,10 @@ _NO_SOLE = """
 # The left foot has no flat shape, or its meshes are not found from the model's folder.
 # Fill in [body.sole]: heel, front, bottom, heel_half_width, front_half_width [m].
 """
+_LOCKED = """
+# lock has joints of no leg that are coupled, no hinges, or lack mass or a torque limit.
+# To move one that lacks only the limit, give it in [body.effort] and leave it out of lock.
+"""
 _BACKWARD = "# As its knees bend, it walks along -x of its model; left and right are seen that way.\n"
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
 _BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
@@ -51,7 +55,7 @@ def propose(source: str, folder: Path) -> str:
     where = source if ":" in source else Path(os.path.relpath(path, folder)).as_posix()
     proposal = _Proposal(model)
     body = {"source": where} | balance | proposal.keys()
-    text = tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE)
+    text = tomli_w.dumps({"body": body}) + ("" if "sole" in body else _NO_SOLE) + _LOCKED * ("lock" in body)
     return text if proposal.axes[0, 0] > -_LATERAL else _BACKWARD + text
 
 

