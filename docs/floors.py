@@ -42,6 +42,7 @@ SHOWN = (
     "2 degrees up",
     "2 degrees down",
     "2 degrees, left up",
+    "2 degrees, left down",
     "1 degree up on 2 known",
     "stone of 1 cm",
     "3 times as soft",

@@ -125,6 +125,8 @@ def test_the_longest_slip_after_the_first_step_is_judged(walk):
     plan, record, measured = walk
     slip = np.zeros((record.steps, 2))
     slip[3, 0], slip[-1, 1] = 0.5, 12e-3  # in the first step, and in the last one
+    least = compare(plan, record, replace(measured, slip=slip * (10.0002 / 12.0)), shapes=APART)
+    assert named(verdict_of(least, STRICT), "slip_maximum").against == "10.0002 mm, limit 10"
     comparison = compare(plan, record, replace(measured, slip=slip), shapes=APART)
     verdicts = [verdict_of(comparison, limits) for limits in (DEFAULT, STRICT)]
     assert [named(verdict, "slip_maximum").value for verdict in verdicts] == [12e-3, 12e-3]

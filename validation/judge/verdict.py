@@ -96,8 +96,11 @@ class MetricResult:
 
     @property
     def against(self) -> str:
-        """The value and its limit, of a metric that has one."""
-        return f"{self}, limit {self.displayed(self.tolerance):.3g}"
+        """The value and its limit, of a metric that has one; with more digits if both look the same."""
+        value, limit = str(self), f"{self.displayed(self.tolerance):.3g}"
+        if self.quoted == limit and self.value != self.tolerance:
+            value = f"{self.displayed(self.value):.6g} {self.display_unit}".rstrip()
+        return f"{value}, limit {limit}"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
