@@ -19,7 +19,6 @@ def lipm(steps, length, width, height, single, double):
     across = np.repeat(0.5 * width * (-1.0) ** number, 2)
     time = np.arange(-4 * RATE, (steps * period + 4) * RATE) / RATE
     zmp = np.stack([np.interp(time, switches, forward), np.interp(time, switches, across)])
-    # com'' = omega^2 (com - zmp) has one bounded solution: a mean of the past and the coming ZMP.
     weight = np.exp(-np.sqrt(GRAVITY / height) * np.abs(np.arange(-4 * RATE, 4 * RATE + 1)) / RATE)
     com = np.stack([np.convolve(axis, weight / weight.sum(), mode="same") for axis in zmp])
     walked = (time >= 0.0) & (time < steps * period)

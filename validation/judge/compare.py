@@ -9,7 +9,7 @@ separately.
 import copyreg
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -139,7 +139,8 @@ class Comparison(Brief):
     # by lead of the plan, see `LEADS`: RMS error of every signal in the judged window
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
-    unpushed: str = "default"  # profile that judges the walk if nothing pushes it
+    # limits by metric if nothing pushes the walk, in SI units; what has none here is not limited
+    unpushed: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def time(self) -> Array:

@@ -169,10 +169,6 @@ def _recovery_time(walk: Comparison) -> float | None:
     pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
     if walk.plan.command is not None or not pushed.size:
         return None
-    from validation.judge.profiles import PROFILES  # imported here: it reads these metrics
-
-    tolerances = PROFILES[walk.unpushed].tolerances
-    limits = {item.metric: float(item.limit_for(walk.scales)) for item in tolerances}
     duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
     step = max(round(duration / record.time_step), 1)
     first = int(pushed[-1]) + 1
@@ -184,7 +180,7 @@ def _recovery_time(walk: Comparison) -> float | None:
             "maximum": np.maximum.accumulate(error),
         }
         for statistic, values in rests.items():
-            within &= values[::-1] <= limits.get(f"{name}_{statistic}", math.inf)
+            within &= values[::-1] <= walk.unpushed.get(f"{name}_{statistic}", math.inf)
     begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
     ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
     return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf

@@ -54,6 +54,10 @@ class Profile:
         found = (self.tolerance(metric) for metric in METRICS.values())
         return tuple(item for item in found if item is not None)
 
+    def limits(self, scales: Mapping[str, Any]) -> dict[str, Any]:
+        """Limits of all judged metrics in their own units; see :func:`limit_in_si`."""
+        return {item.metric: item.limit_for(scales) for item in self.tolerances}
+
     def tolerance(self, metric: Metric) -> Tolerance | None:
         """Limit of one metric, None if it is not judged; raises InputError of an unknown profile."""
         if wrong := metric.tolerances.keys() - _NAMES - {self.name}:
