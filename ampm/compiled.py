@@ -40,8 +40,7 @@ _SOURCES = (
     "validation/trial/*.py",  # also where the named tuples are defined
 )
 
-KEPT = 3
-"""Folders of compiled code of earlier sources that are kept, of some 50 MB each."""
+KEPT = 3  # folders of compiled code of earlier sources, of some 50 MB each
 
 
 @cache

@@ -169,7 +169,7 @@ def test_the_worst_run_is_the_one_that_ended_first():
 
 
 def test_tables_and_json():
-    found = rank(league(2), "gait.planner", ahead=0.1)
+    found = rank(league(2), "gait.planner")
     assert found.tables()[0].headers == ["planner", "normal", "flat"]
     cell = found.as_dict()["cells"][0]
     assert (cell["task"], cell["name"], cell["rank"], cell["survived"]) == ("normal", "ampm", 1, 8)

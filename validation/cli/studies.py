@@ -68,12 +68,6 @@ def rank(
         "KEY",
         default="planner",
     ),
-    ahead: float = option(
-        "--ahead",
-        "Compare with the plan as it stood this long before: 0, .05, .1, .2 or .4 s.",
-        "S",
-        default=0.1,
-    ),
     recordings: Path | None = option(
         "--recordings", "Walk the best and worst run of each planner again, into folders.", "DIR"
     ),
@@ -89,7 +83,7 @@ def rank(
 
     if resume and recordings is None:
         raise InputError("--resume needs the folder of the walks; give --recordings DIR.")
-    found = ranked(folder, by, ahead=ahead)
+    found = ranked(folder, by)
     if recordings is not None:
         from validation.study.sweep.design import load_sweep
         from validation.study.sweep.run import keep_runs

@@ -105,14 +105,3 @@ def size_in_si(unit: str, scales: Mapping[str, Any]) -> Any:
     weight, foot = scales["body_weight"], scales["foot_length"]
     momentum = weight * np.sqrt(foot**3 / GRAVITY)
     return {BODY_WEIGHT: weight, FOOT_LENGTH: foot, FOOT_MOMENTUM: momentum}.get(unit, 1.0)
-
-
-def limit_in_si(limit: float, unit: str, scales: Mapping[str, Any]) -> Any:
-    """A limit in SI units, for one body or several.
-
-    Its unit is :data:`BODY_WEIGHT`, :data:`FOOT_LENGTH`, :data:`FOOT_MOMENTUM` or an SI unit; ``scales`` has
-    ``body_weight`` [N] and ``foot_length`` [m], as :attr:`Comparison.scales`.
-    """
-    if unit in (FOOT_LENGTH, FOOT_MOMENTUM):
-        return np.round(limit * size_in_si(unit, scales), 12)  # undo the normalisation's rounding
-    return limit * size_in_si(unit, scales)

@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Self
 
+import numpy as np
+
 from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
-from validation.judge.metric import limit_in_si
+from validation.judge.metric import FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
 from validation.judge.metrics import METRICS, Metric
 from validation.trial.disturbances import Disturbance, Push, pushes_of
 
@@ -29,8 +31,10 @@ class Tolerance:
     reason: str  # why this number, one or two sentences
 
     def limit_for(self, scales: Mapping[str, Any]) -> Any:
-        """The limit in the metric's own unit; see :func:`limit_in_si`."""
-        return limit_in_si(self.limit, self.unit, scales)
+        """The limit in SI units, for one body or several; scales as :attr:`Comparison.scales`."""
+        limit = self.limit * size_in_si(self.unit, scales)
+        # The normalisation's rounding is undone.
+        return np.round(limit, 12) if self.unit in (FOOT_LENGTH, FOOT_MOMENTUM) else limit
 
 
 _NAMES: set[str] = set()  # of all profiles that were made
@@ -54,9 +58,9 @@ class Profile:
         found = (self.tolerance(metric) for metric in METRICS.values())
         return tuple(item for item in found if item is not None)
 
-    def limits(self, scales: Mapping[str, Any]) -> dict[str, Any]:
-        """Limits of all judged metrics in their own units; see :func:`limit_in_si`."""
-        return {item.metric: item.limit_for(scales) for item in self.tolerances}
+    def limits(self, scales: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Limits of all judged metrics in SI units, by name."""
+        return MappingProxyType({item.metric: item.limit_for(scales) for item in self.tolerances})
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
         """Limit of one metric, None if it is not judged; raises InputError of an unknown profile."""

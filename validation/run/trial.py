@@ -1,5 +1,6 @@
 """A judged walk: in memory, and the files of its folder."""
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -141,29 +142,27 @@ class Trial(Tabled):
         """
         target = Path(folder)
         with run_folder(target, force=force) as work:
-            environment = write_inputs(work, self.planned)
+            write_inputs(work, self.planned)
             save_record(self.record, work)
-            write_results(work, self, environment)
+            write_results(work, self)
             if recording:
                 draw_run(work)
         return target
 
 
-def write_inputs(folder: Path, planned: PlannedWalk) -> dict[str, Any]:
-    """Write parameters, simulated model, description of the body, and environment; return the environment."""
-    environment = describe_environment()
+def write_inputs(folder: Path, planned: PlannedWalk) -> None:
+    """Write parameters, simulated model, description of the body, and environment."""
     (folder / RunFile.RUN).write_text(dump_run(planned.run), encoding="utf-8")
     (folder / RunFile.MODEL).write_text(planned.scene.model.xml, encoding="utf-8")
     (folder / RunFile.BODY).write_bytes(DESCRIPTION.dump_json(planned.body.model.description, indent=1))
-    write_json(folder / RunFile.ENVIRONMENT, environment)
-    return environment
+    write_json(folder / RunFile.ENVIRONMENT, describe_environment())
 
 
-def write_results(folder: Path, trial: Trial, environment: Mapping[str, Any]) -> dict[str, Any]:
+def write_results(folder: Path, trial: Trial) -> dict[str, Any]:
     """Write signals and, last, the summary with the digests of all files; return the summary."""
     rows = kept_rows(trial.record.steps, trial.record.time_step)
     save_signals(signals_table(trial.comparison, rows), folder / RunFile.SIGNALS)
-    summary = {**trial.summary, "environment": environment}
+    summary = {**trial.summary, "environment": json.loads((folder / RunFile.ENVIRONMENT).read_text())}
     summary["files"] = digests(folder, summary)
     write_json(folder / RunFile.SUMMARY, summary)
     return summary

@@ -82,7 +82,7 @@ def validate(
         planned = plan_walk(request, progress)
     late: BaseException | None = None
     with run_folder(target, force=force) as folder:
-        environment = write_inputs(folder, planned)
+        write_inputs(folder, planned)
 
         def keep(record: SimulationRecord) -> None:
             if record.outcome.name == OutcomeName.INTERRUPTED:
@@ -94,7 +94,7 @@ def validate(
         try:
             trial = walk_planned(planned, profile, disturbances=disturbances, progress=progress, keep=keep)
             trial = replace(trial, uncertainty=uncertainty, seconds={**seconds, **trial.seconds})
-            summary = write_results(folder, trial, environment)
+            summary = write_results(folder, trial)
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False

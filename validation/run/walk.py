@@ -122,8 +122,8 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        unpushed = unpushed_profile(planned.name, run).limits(comparison.scales)
-        comparison = replace(comparison, unpushed=MappingProxyType(unpushed))
+        unpushed = unpushed_profile(planned.name, run)
+        comparison = replace(comparison, unpushed=unpushed.limits(comparison.scales))
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]

@@ -95,7 +95,8 @@ class Case:
         """With a change; equal if the layer is ideal already, InputError if it does not fit the run."""
         old = self.request.run
         if change.value == "found":
-            return self.found_anew(change.keys) if _tunes(old) else self
+            searched = old.gait.planner in STEP_PLANNERS and not old.footsteps
+            return self.found_anew(change.keys) if searched else self
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
         if change.layer == "planner" and values:  # feet and posture are found for it
@@ -113,9 +114,8 @@ class Case:
 
     def found_anew(self, section: str) -> "Case":
         """With the open values of a section found, from the usual ones; RefusedGait if nothing is found."""
-        run = self.request.run
+        run, usual = self.request.run, _usual(self.request.run)
         keys = {key for key in OPEN_KEYS if key.startswith(section)}
-        usual = _usual(run)
         opened = run.replace({key: usual.value(key) for key in keys}).giving(run.given - keys)
         return replace(self, request=complete(replace(self.request, run=opened)))
 
@@ -354,8 +354,3 @@ def possible(case: Case) -> list[tuple[Change, Case]]:
         with suppress(InputError, RefusedGait):
             pairs.append((change, case.changed(change)))
     return [pair for pair in pairs if pair[1] != case]
-
-
-def _tunes(run: RunParameters) -> bool:
-    """Whether a search finds values for a run's plan."""
-    return run.gait.planner in ("ampm", *STEP_PLANNERS) and not run.footsteps

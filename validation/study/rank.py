@@ -23,7 +23,7 @@ from validation.study.sweep.design import ENGINE_KEY
 from validation.study.sweep.schema import AHEAD, ahead_column
 from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_sweep, short_names
 from validation.table import ABSENT, Table, Tabled, format_number
-from validation.trial.followed import JUDGED_LEAD, LEADS
+from validation.trial.followed import JUDGED_LEAD
 
 SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
@@ -83,7 +83,6 @@ class Ranking(Tabled):
     """Ranks in every task."""
 
     by: str  # key that is ranked
-    ahead: float  # how long before an instant the plan stood that it is compared with [s]
     cells: tuple[TaskResult, ...]  # of every task and planner
     engines: int | None  # place of the engine among the values of a replica; None if there is one engine
     extremes: Mapping[str, int]  # number of the best and of the worst run of each planner, by `NAME-best` ...
@@ -155,7 +154,7 @@ class Ranking(Tabled):
             spread = " leave the difference open. One engine does not show the spread of the contact."
         note = (
             "The error is the median of the ZMP's RMS distance from the plan as it stood "
-            f"{self.ahead:g} s before. Ranks are shared where replicas (95 % interval) or numerical "
+            f"{JUDGED_LEAD:g} s before. Ranks are shared where replicas (95 % interval) or numerical "
             f"uncertainty ({100.0 * SHARE:g} %){spread}"
         )
         columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "notes")
@@ -187,11 +186,11 @@ class Ranking(Tabled):
             rank = self.ranks.get((cell.task, cell.name))
             cells.append({**asdict(cell), "interval": cell.interval(), "rank": rank})
             del cells[-1]["errors"], cells[-1]["completed"], cells[-1]["replicas"]
-        head = {"by": self.by, "ahead": self.ahead, "runs": self.planned, "found": self.found}
+        head = {"by": self.by, "ahead": JUDGED_LEAD, "runs": self.planned, "found": self.found}
         return dict(json_ready({**head, "cells": cells}))
 
 
-def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = JUDGED_LEAD) -> Ranking:
+def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     """Rank what a sweep varies, task by task; see :mod:`validation.study.rank`.
 
     A planner that refuses all of a task leaves it out. Where it walks some replicas, those that it refuses
@@ -200,11 +199,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     Args:
         sweep: folder of a sweep, finished or not, or its table.
         by: key of what is ranked, or ``planner`` or ``controller``.
-        ahead: how long before an instant the plan stood that it is compared with, one of 0, 0.05, 0.1, 0.2
-            and 0.4 [s].
 
     Raises:
-        InputError: there is no such sweep, it does not vary this key, or it has no such error.
+        InputError: there is no such sweep, it does not vary this key.
     """
     table = sweep if isinstance(sweep, SweepTable) else read_sweep(sweep)
     varied = list(table.metadata["varied"])
@@ -214,12 +211,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
     (key,) = named
     if key not in varied:
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
-    if ahead not in LEADS or ahead_column(AHEAD[0], ahead) not in table:
-        known = ", ".join(f"{lead:g}" for lead in LEADS)
-        raise InputError(f"{table.source} has no error {ahead:g} s ahead; known: {known} s.", value=ahead)
     others = [name for name in varied if name != key]
     replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
-    errors = np.hypot(*(table.numbers(ahead_column(name, ahead)) for name in AHEAD))
+    errors = np.hypot(*(table.numbers(ahead_column(name, JUDGED_LEAD)) for name in AHEAD))
     ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
     completed = np.array(table.words("outcome")) == "completed"
     pace = np.where(completed, table.numbers("energy_distance") / ends_at, np.nan)
@@ -276,7 +270,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner", *, ahead: float = 
         extremes |= {} if best is None else {f"{folder}-best": numbers[best]}
         extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
-    return Ranking(key, ahead, tuple(cells), engines, extremes, table.planned, len(table))
+    return Ranking(key, tuple(cells), engines, extremes, table.planned, len(table))
 
 
 def _median(values: NDArray[np.float64]) -> float:
