@@ -8,9 +8,7 @@ import hashlib
 import inspect
 import logging
 import os
-import shutil
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -40,8 +38,6 @@ _SOURCES = (
     "validation/trial/*.py",  # also where the named tuples are defined
 )
 
-KEPT = 3  # folders of compiled code of earlier sources, of some 50 MB each
-
 
 @cache
 def folder() -> Path:
@@ -51,12 +47,7 @@ def folder() -> Path:
         for path in sorted(package.parent.glob(pattern)):
             digest.update(path.read_bytes())
     base = package / "__pycache__" if os.access(package, os.W_OK) else user_cache_path("ampm")
-    found = Path(os.environ.get("NUMBA_CACHE_DIR", base)) / f"compiled-{digest.hexdigest()[:16]}"
-    if not found.exists():  # the sources have changed
-        with suppress(OSError):  # another process removes them, too
-            for path in sorted(found.parent.glob("compiled-*"), key=os.path.getmtime)[:-KEPT]:
-                shutil.rmtree(path)
-    return found
+    return Path(os.environ.get("NUMBA_CACHE_DIR", base)) / f"compiled-{digest.hexdigest()[:16]}"
 
 
 def compiled(function: Function) -> Function:

@@ -1,13 +1,15 @@
 """Trials are explained by walks with one layer changed."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 import ampm as planner
 import validation as val
-from ampm.exceptions import InputError
+from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import KEYS, OPTION_TABLES, SECTIONS
+from ampm.planner import routes
 from tests.saved_run import make_run
 from validation.study.explain import CHANGES, Case, answer, possible
 from validation.trial.files import RunFile
@@ -47,11 +49,11 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
         "body": "disturbance.joint_friction=1",
         "floor": "disturbance.softness_factor=2",
         "pushes": "disturbance.push_x=10",
-        "planner": "gait.planner=dcm",
         "feet": "foot.swing_height=0.08",
         "posture": "body.lean=0.1",
     }.items():
         assert tried(case(setting)) - usual == {layer}
+    assert tried(case("gait.planner=dcm")) - usual == {"planner", "planner and feet"}
     assert "gait" in tried(case("gait.com_height=0.85"))
     assert "motors" in tried(case(strained="left_knee_pitch"))
     limits = next(change for change in CHANGES if change.layer == "motors")
@@ -67,6 +69,17 @@ def test_what_is_found_anew_is_told_by_the_keys_that_differ_most():
     )
     assert told == [f"with the motion of the feet found anew ({shown})"]
     assert "feet" not in tried(case("gait.planner=none", "foot.swing_height=0.08"))
+    steps = routes.as_rows(routes.straight(4, 0.4, 0.18))
+    walk = early.request.run.replace({}, footsteps=steps)
+    assert "feet" not in tried(replace(early, request=replace(early.request, run=walk)))
+
+
+def test_what_a_search_does_not_find_is_not_walked(monkeypatch):
+    def nothing(request):
+        raise BodilyRefusal("none", reason="none", value=1.0, limit=0.0, unit="1", way_out="none")
+
+    monkeypatch.setattr("validation.study.explain.complete", nothing)
+    assert not tried(case("foot.swing_height=0.08")) & {"gait", "feet", "posture"}
 
 
 def ideal(layer, tightest):
@@ -80,6 +93,8 @@ def ideal(layer, tightest):
         (FAILED, [ideal("motors", 0.9), ideal("sensing", 0.2)], "sensing", "with sensing it passes."),
         # A layer that is made ideal comes before one that is replaced.
         (FAILED, [ideal("planner", 0.2), ideal("motors", 0.6)], "motors", "with motors it passes."),
+        # Two replaced layers come after one.
+        (FAILED, [ideal("planner and feet", 0.2), ideal("planner", 0.6)], "planner", ""),
         (FAILED, [], "", "No change could be walked."),
         # Without a pass most of the excess counts, and a little names nobody.
         (FAILED, [row("floor", excess=0.9, tightest=1.5)], "floor", ""),
@@ -88,7 +103,7 @@ def ideal(layer, tightest):
             row(excess=1e4, outcome="fell"),
             [row("floor", excess=0.4, tightest=1.3)],
             "floor",
-            "with floor it is completed, but fails: 130% of the tightest limit is used.",
+            "with floor it is completed, with the verdict FAIL.",
         ),
         (PASSED, [ideal("body", 0.25)], "", "with body 25% of the tightest limit"),
         (PASSED, [ideal("body", 0.5)], "", "It passes, and no layer costs margin."),

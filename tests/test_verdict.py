@@ -48,7 +48,8 @@ def test_a_perfect_walk_passes_the_strict_profile(walk):
     assert verdict.passed
     assert len(verdict.judged) == len(STRICT.tolerances) - 5  # speed limits, command, strides
     assert all(item.passed and (item.margin or 0.0) > 0.99 for item in verdict.judged)
-    assert f"All {len(verdict.judged)} tolerances of the profile strict met" in verdict.reason
+    assert f"All {len(verdict.judged)} tolerances met" in verdict.reason
+    assert verdict.reason.endswith(" Profile: strict.")
     assert verdict_of(compared(walk), STRICT, zmp_x_rmse=2.0e-3).passed  # the limit itself
 
 

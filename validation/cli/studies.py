@@ -170,7 +170,8 @@ def explain(
     """Say which part of a trial makes it fail.
 
     The trial is walked with one layer made ideal at a time: sensing, motors, body, friction, floor, contact
-    law, numerics, controller, planner, pushes. A run's folder gets explain.json, which 'ampm report' shows.
+    law, numerics, controller, gait, feet, posture, planner, pushes. A run's folder gets explain.json, which
+    'ampm report' shows.
     """
     from validation.study.explain import explain as study
 

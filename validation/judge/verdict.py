@@ -97,10 +97,10 @@ class MetricResult:
     @property
     def against(self) -> str:
         """The value and its limit, of a metric that has one; with more digits if both look the same."""
-        value, limit = str(self), f"{self.displayed(self.tolerance):.3g}"
-        if self.quoted == limit and self.value != self.tolerance:
-            value = f"{self.displayed(self.value):.6g} {self.display_unit}".rstrip()
-        return f"{value}, limit {limit}"
+        value, limit = self.quoted, f"{self.displayed(self.tolerance):.3g}"
+        if value == limit and self.value != self.tolerance:
+            value, limit = (f"{self.displayed(number):.12g}" for number in (self.value, self.tolerance))
+        return f"{value} {self.display_unit}".rstrip() + f", limit {limit}"
 
     def as_dict(self) -> dict[str, Any]:
         """For ``summary.json``."""
@@ -206,20 +206,18 @@ def judge(
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     own = {metric.name for metric in added_metrics()}
-    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log, profile.name)
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
         reason += f" {checks} checks of the measurement were not made."
+    if profile.name != DEFAULT.name:
+        reason += f" Profile: {profile.name}."
     return Verdict(verdict, profile.name, reason, tuple(results))
 
 
 def _conclude(
-    results: Sequence[MetricResult],
-    missing: list[str],
-    limits: int,
-    log: Mapping[str, Any] | None,
-    profile: str,
+    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any] | None
 ) -> tuple[VerdictName, str]:
     """Verdict and its reason, of the names that were not measured and the number of limits that were."""
 
@@ -236,11 +234,10 @@ def _conclude(
     why = f"the numerical uncertainty{laws} is larger than the distance to the limit"
     signals = dict.fromkeys(METRICS[name].label.partition(",")[0] for name in missing)
     unknown = f" Not measured: {', '.join(signals)}." if missing else ""
-    tolerances = "tolerances" if profile == DEFAULT.name else f"tolerances of the profile {profile}"
     if failed:
         relative = [item for item in failed if item.tolerance]  # nothing tells how far is from a limit of 0
         worst = min(relative or failed, key=lambda item: item.margin or 0.0)
-        reason = f"{len(failed)} of {limits} {tolerances} not met; the furthest is {against(worst)}"
+        reason = f"{len(failed)} of {limits} tolerances not met; the furthest is {against(worst)}"
         if relative and (zero := [item for item in failed if not item.tolerance]):
             reason += f", and {against(zero[0])}"
         reason += "."
@@ -268,7 +265,7 @@ def _conclude(
             reason += f", which contact laws change by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
     tight = min((item for item in passed if item.tolerance), key=lambda item: item.margin or 0.0)
-    return VerdictName.PASS, f"All {limits} {tolerances} met; the tightest is {against(tight)}."
+    return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
 
 
 def build_summary(comparison: Comparison, verdict: Verdict, **entries: Any) -> dict[str, Any]:

@@ -39,7 +39,8 @@ TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
 MOST = 0.5
 """Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
-REPLACED = frozenset({"contact law", "controller", "planner", "gait", "feet", "posture"})
+BOTH = "planner and feet"
+REPLACED = frozenset({"contact law", "controller", "planner", "gait", "feet", "posture", BOTH})
 """Layers of which another one is tried; the others are made ideal."""
 _FALL, _MOST_USED = 1e4, 100.0  # excess of a fall; most that a limit counts as used [1]
 _LEAST_GAIN = 0.01  # share of a limit or of the excess that a change takes to be named [1]
@@ -99,7 +100,7 @@ class Case:
             return self.found_anew(change.keys) if searched else self
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
-        if change.layer == "planner" and values:  # feet and posture are found for it
+        if change.layer == BOTH and values:
             found = {key for key in OPEN_KEYS if not key.startswith("gait.")}
             run = run.giving(run.given - found)
         unpushed = change.layer == "pushes"
@@ -241,7 +242,8 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     """The layer that is to blame, and the sentence that says so.
 
     Of the changes that restore the pass the one counts whose tightest limit is used least; a layer made ideal
-    before one in whose place another came. If none does, it is the change that leaves the least excess.
+    before one in whose place another came, and one before two. If none does, it is the change that leaves the
+    least excess.
     """
     walked = [row for row in changes if "metrics" in row]
     if not walked:
@@ -257,7 +259,8 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     def rank(row: Row) -> tuple[Any, ...]:
         """Walks that pass come first, and of them layers that are made ideal."""
         passed = row["passed"]
-        return not passed, passed and row["layer"] in REPLACED, row["excess"], row["tightest"]
+        replaced = passed * ((row["layer"] in REPLACED) + (row["layer"] == BOTH))
+        return not passed, replaced, row["excess"], row["tightest"]
 
     best = min(walked, key=rank)
     layer, text = best["layer"], best["text"]
@@ -270,7 +273,7 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
         return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
     rest = f"{left:.0%} of the excess is left"
     if best["outcome"] == OutcomeName.COMPLETED != trial["outcome"]:
-        rest = f"it is completed, but fails: {best['tightest']:.0%} of the tightest limit is used"
+        rest = f"it is completed, with the verdict {_verdict(best)}"
     said = f"Nothing restores the pass; {text} {rest}."
     return (layer, f"The {layer}. {said}") if left <= MOST else ("", said)
 
@@ -309,15 +312,15 @@ def explain(
     trial = walk_case(case)
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes = possible(case)
-    tasks = [Task(case.text(*pair), walk_case, {"case": pair[1]}) for pair in changes]
+    tasks = [Task(case.text(change, new), walk_case, {"case": new}) for change, new in changes]
     label = f"{planned.name}: layers"
     walked = {row["key"]: row for row in walk_many(tasks, label=label, unit="changes", **execution)}
     rows = []
-    for pair, task in zip(changes, tasks, strict=True):
+    for (change, new), task in zip(changes, tasks, strict=True):
         row = walked[task.key]
         # Without limits the motor shows that needs more than its own.
-        text = replace(case, strained=row.get("motor", case.strained)).text(*pair)
-        rows.append({"layer": pair[0].layer, "text": text, **row})
+        text = replace(case, strained=row.get("motor", case.strained)).text(change, new)
+        rows.append({"layer": change.layer, "text": text, **row})
     result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
         write_json(place / RunFile.EXPLANATION, result.as_dict())
@@ -349,7 +352,7 @@ def possible(case: Case) -> list[tuple[Change, Case]]:
     """The changes that change anything and fit the run, and the cases with them."""
     pairs = []
     for change in CHANGES:
-        if case.request.run.gait.planner == NO_PLAN and change.layer in ("controller", "planner"):
+        if case.request.run.gait.planner == NO_PLAN and change.layer in ("controller", "planner", BOTH):
             continue  # another one is asked for another walk
         with suppress(InputError, RefusedGait):
             pairs.append((change, case.changed(change)))

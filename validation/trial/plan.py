@@ -20,7 +20,6 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import (
     HUMAN,
-    KEYS,
     NO_PLAN,
     OPEN_KEYS,
     OPTION_TABLES,
@@ -350,7 +349,8 @@ def _check_request(
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not declared.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
-    if run.footsteps and "gait.steps" in run.given < set(KEYS):  # not if all values were completed
+    completed = run.given >= set(OPEN_KEYS)  # which tells nothing of what was asked for
+    if run.footsteps and "gait.steps" in run.given and not completed:
         progress.say(f"{request.name}: walks its footsteps, not gait.steps")
     if "gait_keys" in declared:
         noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given

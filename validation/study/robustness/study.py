@@ -148,10 +148,10 @@ def robustness(
     if any(cell.is_push for cell in cells):
         push_instant(planned.plan.contacts, "forward", "early", PUSH_STEP + 1)
     run = planned.run.as_is()
-    if cause := walk_replica(planned, run)["cause"]:
-        raise InputError(
-            f"{request.name} does not walk undisturbed ({cause.partition(';')[0]}); ampm explain says why."
-        )
+    unpushed = run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
+    if cause := walk_replica(planned, unpushed)["cause"]:
+        said = f"{request.title} does not walk without a further disturbance ({cause.partition(';')[0]})"
+        raise InputError(f"{said}; ampm explain says why.")
     options = {"request": Request(request.name, run), "replicas": replicas}
     tasks = [Task(cell.name, walk_cell, {"cell": cell, **options}) for cell in cells]
     label = f"{request.name}: robustness"
