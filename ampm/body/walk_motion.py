@@ -26,7 +26,7 @@ from ampm.planner.support import StepPlan
 _PIECE, _INTERVALS = 0.04, 5
 """Longest time for which heading and feedback are held [s], and intervals of the grid in it."""
 _FASTEST = 100.0  # fastest rate of the posture that the grid follows [1/s]
-_LOST, _LOST_STANDING = 0.05, 0.1
+_LOST, _LOST_STANDING = 0.05, 0.125
 """Longest time of a step in which a leg may not reach, and after a stand [s]: the controller gives way for so
 long, and toes bend. Of 11 climbs of the human with 0.06 to 0.1 s 10 failed. A foot without toes lifts as a
 whole: 42 of 42 walks of the G1 and TALOS with less than 0.1 s failed."""
