@@ -126,7 +126,7 @@ def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
 
 def recovery_time(found, profile="default"):
     limits = find_profile(profile).limits(found.scales)
-    return evaluate(replace(found, unpushed=limits))["recovery_time"]
+    return evaluate(replace(found, unpushed_limits=limits))["recovery_time"]
 
 
 def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):

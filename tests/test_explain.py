@@ -68,6 +68,9 @@ def test_what_is_found_anew_is_told_by_the_keys_that_differ_most():
         "foot.full_contact 0.2 to 0.9, foot.heel_strike_angle 0.19 to 0.2, foot.swing_height 0.051 to 0.05"
     )
     assert told == [f"with the motion of the feet found anew ({shown})"]
+    (flat,) = [new for change, new in possible(case("gait.a_s=inf")) if change.layer == "gait"]
+    change = next(change for change in CHANGES if change.layer == "gait")
+    assert "(gait.a_s inf to 2.63" in case("gait.a_s=inf").text(change, flat)  # differs most
     assert "feet" not in tried(case("gait.planner=none", "foot.swing_height=0.08"))
     steps = routes.as_rows(routes.straight(4, 0.4, 0.18))
     walk = early.request.run.replace({}, footsteps=steps)

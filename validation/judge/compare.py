@@ -140,7 +140,7 @@ class Comparison(Brief):
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
     # limits by metric if nothing pushes the walk, in SI units; what has none here is not limited
-    unpushed: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    unpushed_limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def time(self) -> Array:

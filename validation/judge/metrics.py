@@ -180,7 +180,7 @@ def _recovery_time(walk: Comparison) -> float | None:
             "maximum": np.maximum.accumulate(error),
         }
         for statistic, values in rests.items():
-            within &= values[::-1] <= walk.unpushed.get(f"{name}_{statistic}", math.inf)
+            within &= values[::-1] <= walk.unpushed_limits.get(f"{name}_{statistic}", math.inf)
     begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
     ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
     return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf

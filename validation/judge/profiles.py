@@ -92,7 +92,8 @@ FOOTSTEPS = Profile("footsteps", DEFAULT)
 # standing foot and not in the world, which drifts.
 _IN_THE_WORLD = tuple(f"zmp_{axis}_{statistic}" for axis in "xy" for statistic in ("rmse", "maximum"))
 ODOMETRY = Profile("odometry", DEFAULT, leaves_out=_IN_THE_WORLD)
-ODOMETRY_FOOTSTEPS = Profile("odometry-footsteps", replace(ODOMETRY, base=FOOTSTEPS), _IN_THE_WORLD)
+# Limits of ``odometry``, then those of ``footsteps``, then those of ``default``.
+ODOMETRY_STEPS = Profile("odometry-footsteps", replace(ODOMETRY, base=FOOTSTEPS), _IN_THE_WORLD)
 # For walks that something pushes: the errors of ZMP, force and angular momentum have to be within the limits
 # again soon after the push, and no parts of the body may meet.
 _ERRORS = tuple(f"{signal}_{statistic}" for signal in SIGNALS for statistic in ("rmse", "maximum"))
@@ -101,10 +102,7 @@ PUSHED = Profile("pushed", DEFAULT, leaves_out=(*_ERRORS, "slip_maximum"))
 # measurement; a walk may fly.
 FREE = Profile("free", DEFAULT, leaves_out=("plan_newton_residual", "unsupported_instants"))
 PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {
-        item.name: item
-        for item in (DEFAULT, STRICT, JUMPS, FOOTSTEPS, ODOMETRY, ODOMETRY_FOOTSTEPS, PUSHED, FREE)
-    }
+    {item.name: item for item in (DEFAULT, STRICT, JUMPS, FOOTSTEPS, ODOMETRY, ODOMETRY_STEPS, PUSHED, FREE)}
 )
 
 
@@ -124,7 +122,7 @@ def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbanc
 def unpushed_profile(gait: str, run: RunParameters) -> Profile:
     """Profile of a walk with a plan that nothing pushes, see :func:`own_profile`."""
     if run.sensors.relative:
-        return ODOMETRY_FOOTSTEPS if run.footsteps else ODOMETRY
+        return ODOMETRY_STEPS if run.footsteps else ODOMETRY
     if run.footsteps:
         return FOOTSTEPS
     return JUMPS if gait == "ipm" else DEFAULT

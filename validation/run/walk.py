@@ -123,7 +123,7 @@ def walk_planned(
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
         unpushed = unpushed_profile(planned.name, run)
-        comparison = replace(comparison, unpushed=unpushed.limits(comparison.scales))
+        comparison = replace(comparison, unpushed_limits=unpushed.limits(comparison.scales))
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]

@@ -63,7 +63,8 @@ class Change:
         wanted = self.keys.split()
         changed = [key for key in FIELDS if key in wanted or key.partition(".")[0] in wanted]
         if self.value == "another":  # the project's controller with its settings for the body, else tighter
-            values = {key: _usual(run).value(key) for key in KEYS if key.startswith("controller.")}
+            usual = _usual(run)
+            values = {key: usual.value(key) for key in KEYS if key.startswith("controller.")}
             values |= {"controller.frequency": run.controller.frequency, "controller.options": {}}
             if any(run.value(key) != value for key, value in values.items()):
                 return values
@@ -133,10 +134,9 @@ class Case:
 
 
 def _difference(old: Any, new: Any) -> float:
-    """Of two values, as a share of the larger; of what are no numbers 1 [1]."""
-    if not isinstance(old, int | float) or not isinstance(new, int | float):
-        return 1.0
-    return abs(new - old) / max(abs(new), abs(old))
+    """Of two values, as a share of the larger; 1 of what are no finite numbers [1]."""
+    numbers = isinstance(old, int | float) and isinstance(new, int | float)
+    return abs(new - old) / max(abs(new), abs(old)) if numbers and math.isfinite(new - old) else 1.0
 
 
 def walk_case(case: Case) -> Row:
