@@ -55,7 +55,14 @@ class RetimedPosture:
         """States at ``times``, shape (T,) [s]."""
         time = np.atleast_1d(np.asarray(times, dtype=np.float64))
         beyond = time - np.clip(time, self.times[0], self.times[-1])
-        return self.posture.sample(np.interp(time, self.times, self.own) + beyond)
+        state = self.posture.sample(np.interp(time, self.times, self.own) + beyond)
+        phase = np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2)
+        pace = np.where(beyond, 1.0, (np.diff(self.own) / np.diff(self.times))[phase])
+        return state._replace(
+            v=pace[:, None] * state.v,
+            acceleration=pace[:, None] ** 2 * state.acceleration,
+            angular_momentum_z=pace * state.angular_momentum_z,
+        )
 
     def report(self) -> dict[str, Any]:
         """The posture's report."""

@@ -12,7 +12,7 @@ from tests.walk import perfect_walk, with_state
 from validation.judge.compare import PARTS, RUN, compare
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import find_profile
-from validation.judge.signals import signals_table
+from validation.judge.signals import kept_rows, signals_table
 from validation.store.signals import COLUMNS, load_signals, save_signals
 
 
@@ -170,6 +170,10 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     effort = compare(plan, other, measured).costs["effort"]
     np.testing.assert_allclose(effort["force"], [6.0, 3.0, 12.0])
     np.testing.assert_allclose(effort["angular_momentum"], [0.25, 0.0], rtol=0.0, atol=1e-12)
+
+
+def test_a_walk_that_ends_in_its_first_step_keeps_its_rows():
+    assert kept_rows(0, 0.01) == slice(None, None, 1)
 
 
 def test_signals_are_read_back_with_units_and_frames(walk, tmp_path):

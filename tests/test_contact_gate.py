@@ -107,7 +107,8 @@ def test_the_force_under_a_foot_is_given_as_it_lands_and_expected_as_it_leaves(g
     gate.update(AIR, np.array([due, [True] * 3]), touch(left=(BALL,), right=(0, 1, 2)))
     gate.points["least"] = gate.points["largest"] = 0.0
     forces, momentum = np.full(18, float(foot == "lets go")), np.zeros(6)  # it is still commanded to push
-    contact = Contact(gate.lines, forces, forces, forces, np.ones((6, 18)), momentum, np.zeros((12, 3)))
+    lines, rows = gate.lines, np.ones((6, 18))
+    contact = Contact(lines, lines, forces, forces, forces, rows, momentum, np.zeros((12, 3)))
     land(GAINS, gate.points, 500.0, contact, 1.0, 0.0)
     ball, share = (gate.points["foot"] == 0) & (gate.points["line"] == BALL), 0.1 * GAINS.landing_share
     given = np.where(ball & (foot == "lands"), share, 0.0)

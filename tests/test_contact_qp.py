@@ -57,7 +57,7 @@ def fill(qp, points, momentum, forces=NONE):
     """Fill in a QP, with curvature and gradient of the posture's cost over the vertical moment."""
     none = np.empty(0)
     lines, by_point = records((2, 3), Line), np.zeros((2 * POINTS, 3))
-    contact = Contact(lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
+    contact = Contact(lines, lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
     system = np.zeros((20, 27))
     system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03
     fill_qp(points, contact, system, 0.4, GAINS, qp.problem)

@@ -6,6 +6,7 @@ import re
 import sys
 import time
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -72,6 +73,14 @@ def test_a_long_array_decides_on_the_digest():
     other[2500] = 1.0
     digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_what_a_function_holds_decides_on_the_digest():
+    def adder(number: int) -> Any:
+        return lambda other: number + other
+
+    for make in (adder, partial(partial, square)):
+        assert Task("a", make(1)).digest == Task("a", make(1)).digest != Task("a", make(2)).digest
 
 
 def test_the_digest_of_a_scripts_function_is_the_same_while_workers_run(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The one table of results: its forms, and the tables of a run from one summary."""
 
 import json
+import math
 import os
 import re
 from pathlib import Path
@@ -50,6 +51,8 @@ def test_latex_breaks_the_lines_of_long_cells():
         (0.0, 3e-9, "(0.0 ± 3.0)e-9"),
         (0.6, None, "0.6"),
         (0.6, 0.0, "0.6 ± 0"),
+        (0.6, math.inf, "0.6 ± ∞"),
+        (math.inf, 0.1, "inf ± 0.1"),
     ],
 )
 def test_a_value_is_cut_at_the_second_digit_of_its_uncertainty(value, doubt, text):

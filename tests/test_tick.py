@@ -177,7 +177,10 @@ def test_a_flat_foot_is_left_with_a_share_of_its_angular_acceleration_unless_its
             if not (on[:2].all() and (on[2] or foot["toe"] < 0) and lines[i]["touched"][:2].all()):
                 continue
             omega = it.c.tasks.rates[9 + 6 * i : 12 + 6 * i]
-            share = gains.stance_yield if old["stood"] and old["touches"] == foot["touches"] else 0.0
+            last = it.old.contact.last[i]
+            stood = (last["planned"] | last["touched"]).any()
+            same = stood and np.array_equal(last["touching"], lines[i]["touching"])
+            share = gains.stance_yield if same else 0.0
             actual = gains.frequency * (omega - old["turning"])
             tilting = np.array([1.0, 1.0, 0.0])  # not about the vertical
             wanted = share * tilting * actual - (1.0 - share * tilting) * gains.stance_damping * omega

@@ -13,7 +13,7 @@ from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare
 from validation.judge.metric import DEFAULT_BODY
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, STRICT, find_profile, own_profile
+from validation.judge.profiles import DEFAULT, STRICT, Profile, find_profile, own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.trial.disturbances import Push
@@ -51,6 +51,13 @@ def test_a_perfect_walk_passes_the_strict_profile(walk):
     assert f"All {len(verdict.judged)} tolerances met" in verdict.reason
     assert verdict.reason.endswith(" Profile: strict.")
     assert verdict_of(compared(walk), STRICT, zmp_x_rmse=2.0e-3).passed  # the limit itself
+
+
+def test_a_limit_of_zero_may_be_the_only_one(walk):
+    leaves_out = tuple(item.metric for item in DEFAULT.tolerances if item.limit)
+    verdict = verdict_of(compared(walk), Profile("zero", DEFAULT, leaves_out))
+    assert verdict.passed
+    assert all(item.tolerance == 0.0 for item in verdict.judged)
 
 
 def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):

@@ -258,8 +258,8 @@ def with_uncertainty(value: float | str | None, uncertainty: float | str | None)
     number, doubt = (math.nan if item is None else float(item) for item in (value, uncertainty))
     if math.isnan(number) or math.isnan(doubt):
         return format_number(value, 3)
-    if math.isinf(doubt) or doubt == 0.0:
-        return f"{format_number(value, 3)} ± {'∞' if doubt else '0'}"
+    if math.isinf(number) or math.isinf(doubt) or doubt == 0.0:
+        return f"{format_number(value, 3)} ± {format_number(doubt, 2).replace('inf', '∞')}"
     decimals = 1 - math.floor(math.log10(float(f"{doubt:.1e}")))
     power = math.floor(math.log10(max(abs(number), doubt)))
     if decimals > _DECIMALS and power < -2:

@@ -7,7 +7,7 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Joints
+from ampm.control.workspace import Contact, Joints, Line
 from ampm.vectors import clip
 
 LARGEST = 0.1
@@ -15,7 +15,7 @@ LARGEST = 0.1
 
 
 @compiled
-def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
+def update_rate(joints: Joints, gains: Any, contact: Contact, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited. Where the contact
@@ -25,21 +25,25 @@ def update_rate(joints: Joints, gains: Any, lines: Any, still: bool) -> None:
     Args:
         joints: torques of this tick and of the last one, and limits; the rate is written.
         gains: ``frequency`` [1/s].
-        lines: of this tick; they keep what shows a change of contact at the next one.
+        contact: lines of this tick and of the last one.
         still: whether this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """
     same_contact = True
-    for foot in range(len(lines)):
+    for foot in range(len(contact.lines)):
         for group in range(3):
-            line = lines[foot, group]
-            opening = line.touching and 0.0 < line.opening < 1.0
-            if line.planned != line.was_planned or opening != line.was_opening:
+            line, last = contact.lines[foot, group], contact.last[foot, group]
+            if line.planned != last.planned or _is_opening(line) != _is_opening(last):
                 same_contact = False
-            line.was_planned, line.was_opening = line.planned, opening
-    torque, last, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
+    torque, before, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
     for j in range(len(torque)):
         largest = LARGEST * limit[j]
         if still:
             rate[j] = 0.0
         elif same_contact:
-            rate[j] = clip(torque[j] - last[j], -largest, largest) * gains.frequency
+            rate[j] = clip(torque[j] - before[j], -largest, largest) * gains.frequency
+
+
+@compiled
+def _is_opening(line: Line) -> bool:
+    """Whether a line touches and is not fully open."""
+    return bool(line.touching and 0.0 < line.opening < 1.0)

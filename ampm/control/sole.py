@@ -7,8 +7,9 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import write_zmp
-from ampm.control.workspace import PlacedBody, SteppingState, Wrench
+from ampm.control.workspace import SteppingState, Wrench
 from ampm.geometry import Array
+from ampm.stepping.stepper import Stepper
 from ampm.vectors import Vector, along_across, clip, put, times, vector
 
 OPEN = 0.2
@@ -93,7 +94,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector, command: Wrench) -> None:
+def share_sole(stepper: Stepper, wanted: Any, tilt: Vector, command: Wrench) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
     The command is untouched where they give it all. First, the force is multiplied by the factor that holds
@@ -105,7 +106,9 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector
     The points have their limits of this tick. The command is that of
     :func:`~ampm.control.stabilizer.command_wrench`; ``tilt`` takes the trunk to the planned one [rad].
     """
-    com, force, moment = body.com, command.force, command.moment
+    state: SteppingState = stepper.state[0]
+    body, force, moment = stepper.body, command.force, command.moment
+    com = body.com
     if state.force_factor != 1.0:
         put(force, times(state.force_factor, vector(force)))
     nearly_falling = force[2] < 0.2 * body.mass * body.gravity  # the ZMP means nothing
@@ -116,9 +119,9 @@ def share_sole(body: PlacedBody, state: SteppingState, wanted: Any, tilt: Vector
     sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    height = over_plane(com, state.planned_slope) - state.floor
-    down = body.gravity + over_plane(wanted.com_acceleration, state.planned_slope)
-    per_rate = (over_plane(wanted.com, state.planned_slope) - state.floor) / down
+    height = over_plane(com, stepper.slope) - state.floor
+    down = body.gravity + over_plane(wanted.com_acceleration, stepper.slope)
+    per_rate = (over_plane(wanted.com, stepper.slope) - state.floor) / down
     planned_r = wanted.com[:2] - per_rate * wanted.com_acceleration[:2]
     planned_arm = np.array([-wanted.moment[1], wanted.moment[0]]) / (body.mass * down)
     r_shift = com[:2] - height * force[:2] / force[2] - planned_r

@@ -31,16 +31,15 @@ def sole_task(work: Workspace, i: int) -> None:
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
     rotation = rotation_error(wanted.foot_rotation[i], foot.pose)
-    any_line = all_lines = lines[HEEL].planned or lines[HEEL].touched
-    for group in (BALL, TIP):
+    all_lines = True
+    for group in range(3):
         holds = lines[group].planned or lines[group].touched
-        any_line, all_lines = any_line or holds, all_lines and (holds or (group == TIP and foot.toe < 0))
-    if any_line:
+        all_lines = all_lines and (holds or (group == TIP and foot.toe < 0))
+    if _is_held(lines):
         work.tasks.softness[rows] = STANCE
         _stance(work, i, all_lines, rotation, rates, acceleration)
         return
     work.tasks.softness[rows] = OFF_PLAN if work.stepping[0].off_plan else SWING
-    foot.stood = False
     place = plus(vector(body.com), vector(foot.place))
     error, planned = minus(vector(wanted.foot_position[i]), place), vector(wanted.foot_acceleration[i])
     rate_error = minus(vector(wanted.foot_velocity[i]), vector(rates[0:3]))
@@ -70,14 +69,15 @@ def _stance(
     press = 1.0 - max(heel.opening, ball.opening) if landing else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
     # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
-    touches = 1 * heel.touching + 2 * ball.touching + 4 * lines[TIP].touching
-    share = gains.stance_yield if foot.stood and touches == foot.touches else 0.0
+    last, same = work.contact.last[i], True
+    for group in range(3):
+        same = same and lines[group].touching == last[group].touching
+    share = gains.stance_yield if same and _is_held(last) else 0.0
     yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
-    foot.touches = touches
     put(foot.turning, omega)
     if all_lines and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
-        acceleration[2] = _vertical(gains, foot, lines, press, damping, velocity[2], share)
+        acceleration[2] = _vertical(gains, foot, lines, last, press, damping, velocity[2], share)
         still = times(-gains.stance_damping, omega)
         put(acceleration[3:6], plus(times(1.0 - share, still), yielding))
         acceleration[5] = still[2]  # the floor yields upwards and downwards
@@ -106,7 +106,7 @@ def _stance(
     pivot = minus(_middle(body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
-    down = _vertical(gains, foot, lines, press, damping, speed[2], share)
+    down = _vertical(gains, foot, lines, last, press, damping, speed[2], share)
     still = -damping * speed[0], -damping * speed[1], down
     put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
     put(acceleration[3:6], turning)
@@ -114,7 +114,7 @@ def _stance(
 
 @compiled
 def _vertical(
-    gains: Any, foot: Foot, lines: Any, press: float, damping: float, speed: float, share: float
+    gains: Any, foot: Foot, lines: Any, last: Any, press: float, damping: float, speed: float, share: float
 ) -> float:
     """Wanted vertical acceleration of the line that holds the foot [m/s^2].
 
@@ -126,6 +126,7 @@ def _vertical(
         gains: of the controller.
         foot: its state at the last tick, which is replaced.
         lines: of the foot.
+        last: the same of the last tick.
         press: share of its load that the foot has still to take, 1 ... 0.
         damping: towards the touch-down velocity [1/s].
         speed: of the line [m/s].
@@ -134,12 +135,18 @@ def _vertical(
     heel, ball = lines[HEEL], lines[BALL]
     asked = -damping * (speed + press * (gains.touchdown_velocity + foot.hurry))
     touching = heel.touching or ball.touching or lines[TIP].touching
-    if foot.stood and touching and foot.on_heel == heel.touched and foot.on_ball == ball.touched:
+    same = last[HEEL].touched == heel.touched and last[BALL].touched == ball.touched
+    if same and touching and _is_held(last):
         share = max(share, press * gains.landing_yield)
         asked = (1.0 - share) * asked + share * (speed - foot.speed) * gains.frequency
-    foot.stood, foot.speed = True, speed
-    foot.on_heel, foot.on_ball = heel.touched, ball.touched
+    foot.speed = speed
     return asked
+
+
+@compiled
+def _is_held(lines: Any) -> bool:
+    """Whether a line of a foot is in contact, or planned to be."""
+    return bool(lines.planned.any() or lines.touched.any())
 
 
 @compiled

@@ -137,7 +137,7 @@ def update_command(work: Workspace, stepper: Stepper | None) -> None:
         tilt = times(RIGHTING, tilt)
     command_wrench(work.gains, body, wanted, tilt, work.tasks.rates, work.command)
     if stepper is not None:
-        share_sole(body, work.stepping[0], wanted, error, work.command)
+        share_sole(stepper, wanted, error, work.command)
 
 
 @compiled
@@ -230,9 +230,12 @@ def keep_tick(work: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
-    update_rate(joints, work.gains, contact.lines, still or first)
+    update_rate(joints, work.gains, contact, still or first)
     joints.last_torque[:] = joints.torque
     if not first:
         contact.change[:] = contact.solution - contact.forces
     contact.forces[:] = contact.solution
+    for foot in range(len(contact.lines)):
+        for group in range(3):
+            contact.last[foot, group] = contact.lines[foot, group]
     work.motion.last_acceleration[:] = work.motion.acceleration

@@ -36,12 +36,8 @@ class Foot(Frame):
     toe_row: int  # row of the toe joint among the tasks, -1 if there is none
     place: Array3  # sole's reference point from the COM, in world [m]
     pose: Array33  # axes of the sole to world
-    stood: bool  # whether it was in contact at the last tick
-    on_heel: bool  # whether its heel held it at the last tick
-    on_ball: bool  # whether its ball held it at the last tick
     speed: float  # upward speed of the line that held it at the last tick [m/s]
     turning: Array3  # its angular velocity at the last tick, in world [rad/s]
-    touches: int  # lines that touched at the last tick: 1 heel + 2 ball + 4 tip
     late: float  # time for which its planned contact has been missing [s]
     hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
     floor: float  # height of the floor under it over the plan's floor [m]
@@ -60,8 +56,6 @@ class Line:
     touched: bool  # has touched down since its contact was due
     opening: float  # share opened since its touch-down, 0 ... 1
     limit: float  # share of the force limit: as `opening`, but closes before lift-off, 0 ... 1
-    was_planned: bool  # `planned` at the last tick
-    was_opening: bool  # whether it touched at the last tick and was not fully open
 
 
 class Point(Frame):
@@ -94,7 +88,6 @@ class SteppingState:
     active: bool  # whether it is off its plan or disturbed: COM and trunk share what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's heading
     floor: float  # height of the floor under the body over the plan's floor [m]
-    planned_slope: Annotated[Array, (2,)]  # slopes of the plan's floor: dz/dx, dz/dy [1]
     force_factor: float  # multiplies the commanded force, to hold the COM's height [1]
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves
@@ -198,6 +191,7 @@ class Contact(NamedTuple):
     """Contact forces in the unknowns of :mod:`ampm.control.forces`, [m g]."""
 
     lines: Any  # table of Line, shape (F, 3)
+    last: Any  # the same of the last tick
     forces: Annotated[Array, ("U",)]  # of the last tick
     change: Annotated[Array, ("U",)]  # their change from the tick before
     solution: Annotated[Array, ("U",)]  # of this tick
@@ -255,6 +249,7 @@ def make_workspace(
     scale = np.ones(rows)
     scale[3:6] = ANGULAR
     sizes = {"nq": robot.nq, "nv": robot.nv, "nu": robot.nu, "P": len(points), "R": rows, "R + 7": rows + 7}
+    lines = len(robot.sole_frames), 3
     sizes |= {"U": len(problem.q) - 6, "M": math.ceil(LONGEST * gains.frequency)}
     return Workspace(
         gains=gains_of(gains),
@@ -277,7 +272,7 @@ def make_workspace(
         tasks=zeros_of(Tasks, sizes, jacobian=body.columns, scale=scale),
         command=zeros_of(Wrench, sizes),
         tilt=zeros_of(Tilt, sizes),
-        contact=zeros_of(Contact, sizes, lines=records((len(robot.sole_frames), 3), Line)),
+        contact=zeros_of(Contact, sizes, lines=records(lines, Line), last=records(lines, Line)),
         problem=problem,
         joints=zeros_of(
             Joints,

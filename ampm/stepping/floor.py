@@ -50,7 +50,7 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
     The floor is the sole's own plane, :data:`SINK` higher. Where a point is deeper in it, the floor is the
     plane through the heights at which the points touched, by least squares.
     """
-    planned = stepper.state[0].planned_slope
+    planned = stepper.slope
     com, at, pose = stepper.body.com, stepper.body.feet[foot].place, stepper.body.feet[foot].pose
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
     for i in range(len(stepper.body.points)):

@@ -25,5 +25,6 @@ class Stepper(NamedTuple):
     tick: float  # control period [s]
     size: float  # size of the body, 1 for a stature of 1.70 m [1]
     foot_width: float  # [m]
+    slope: Array  # of the plan's floor: dz/dx, dz/dy, shape (2,) [1]
     curves: Curves  # of the phase
     table: Any  # references of the phase at equal intervals, see `rows_of`

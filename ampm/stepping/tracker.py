@@ -72,6 +72,7 @@ class StepTracker:
             tick=1.0 / workspace.gains.frequency,
             size=robot.description.scale,
             foot_width=2.0 * robot.description.sole.half_width,
+            slope=np.array(plan.contacts.slope),
             curves=Curves(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))),
             table=rows_of(np.zeros(2, reference_type(robot.nq, robot.nv))),
         )
@@ -135,7 +136,6 @@ class StepTracker:
         """Set the state to that of a walk on the plan, but keep the floor's height."""
         floor = self._state.floor
         self._workspace.stepping[:] = 0
-        self._state.planned_slope[:] = self.plan.contacts.slope
         self._state.floor, self._state.rate, self._state.factor, self._state.choice = floor, 1.0, 1.0, -1
 
     def _enter(self, index: int) -> None:

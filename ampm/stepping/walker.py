@@ -174,7 +174,7 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
     to_x, to_y = reach_x + state.step[0], reach_y + state.step[1]
     target = np.empty(3)
     target[0], target[1] = shift[0] + state.step[0], shift[1] + state.step[1]
-    planned = state.planned_slope[0] * state.step[0] + state.planned_slope[1] * state.step[1]
+    planned = stepper.slope[0] * state.step[0] + stepper.slope[1] * state.step[1]
     target[2] = shift[2] + slope[0] * to_x + slope[1] * to_y + planned
     quintic_tick(state.swing, target, duration, stepper.tick)
     state.sag = SAG * max(math.hypot(to_x, to_y) - math.hypot(reach_x, reach_y), 0.0)

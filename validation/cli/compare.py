@@ -92,8 +92,9 @@ def compare(
             found = compare_runs(done, uncertainty=studies, robustness=survived)
         else:
             settings = options.with_short(settings, steps=steps)
-            # Refuses a key that is set, too.
-            options.with_short([*settings, *(f"{key}={values[0]}" for key, values in choices.items())])
+            for key, values in choices.items():  # refuses a key that is set, too
+                for value in values:
+                    options.with_short([*settings, f"{key}={value}"])
             found = compare_gaits(
                 walks,
                 settings,

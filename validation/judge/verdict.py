@@ -264,7 +264,7 @@ def _conclude(
             spread = format_number(least.displayed(least.spread), 2).replace("inf", "∞")
             reason += f", which contact laws change by up to {spread} {least.display_unit}".rstrip()
         return VerdictName.UNDECIDED, f"{reason}."
-    tight = min((item for item in passed if item.tolerance), key=lambda item: item.margin or 0.0)
+    tight = min(passed, key=lambda item: (not item.tolerance, item.margin or 0.0))
     return VerdictName.PASS, f"All {limits} tolerances met; the tightest is {against(tight)}."
 
 

@@ -77,7 +77,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (
     "ampm",
     "models",
-    *(f"validation/{name}" for name in ("trial", "store", "measure", "judge", "run")),
+    *(f"validation/{name}" for name in ("trial", "store", "measure", "judge", "run", "study")),
 )
 """Sources that a row is computed with; command line and reports are not among them."""
 _SUFFIXES = (".py", ".toml", ".xml", ".csv")

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -63,9 +63,13 @@ def _identity(value: Any) -> str:
         return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_identity, value)) + "]"
+    if isinstance(value, partial):
+        return _identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
         thing: Any = value
-        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)}"
+        cells = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
+        held = [kept for kept in cells if kept is not value]
+        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)} {_identity(held)}"
     if hasattr(value, "__dict__"):
         return f"{_identity(type(value))} {_identity(vars(value))}"
     return repr(value)

@@ -30,6 +30,7 @@ import cloudpickle
 from ampm.exceptions import InputError, RefusedGait, StudyStopped
 from ampm.files import read_text
 from validation.judge.metrics import add_metrics, added_metrics
+from validation.judge.profiles import Profile
 from validation.progress import interruption
 from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
@@ -82,6 +83,8 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
         try:  # imports do not count as time of the run
             work, options, metrics, classes = cloudpickle.loads(data)
             add_metrics(metrics)
+            for name in {name for metric in metrics for name in metric.tolerances}:
+                Profile(name)  # the user's too, which only the client has made
             SENT.update(classes)
         except Exception as error:
             raise StudyStopped(

@@ -127,7 +127,8 @@ class Sensors:
         i = self.sampled(k)
         if not self._apart or i != self._held[0]:
             self._held = i, self._sampled(i)
-        angles, rates, gyro, accelerometer, force, *moment = [self._held[1][part] for part in self._parts]
+        values = self._held[1].copy()  # an estimator may write
+        angles, rates, gyro, accelerometer, force, *moment = [values[part] for part in self._parts]
         position = None
         if self._steps_per_fix and k % self._steps_per_fix == 0:
             position = self._log.record.q[i, :3] + self.parameters.fix_noise * self._fixes.standard_normal(3)
