@@ -95,11 +95,10 @@ def test_a_plan_begins_on_the_way_with_a_com_that_jumped(walk):
     np.testing.assert_allclose(state, at, atol=1e-12)
     for time in (0.5 * (NOW + landing), landing + 0.03):  # before the landing all goes faster
         before, now, after = found.posture.sample(time + np.array([-1e-4, 0.0, 1e-4])).q
-        rate = found.posture.sample(time)
-        np.testing.assert_allclose((after - before)[7:] / 2e-4, rate.v[0, 6:], atol=1e-2)
-        np.testing.assert_allclose(
-            (after + before - 2.0 * now)[7:] / 1e-8, rate.acceleration[0, 6:], atol=1.0
-        )
+        rate, bend = (after - before) / 2e-4, (after + before - 2.0 * now) / 1e-8
+        state = found.posture.sample(time)
+        np.testing.assert_allclose(rate[7:], state.v[0, 6:], atol=1e-2)
+        np.testing.assert_allclose(bend[7:], state.acceleration[0, 6:], atol=1.0)
 
 
 def test_a_plan_may_be_made_anew_at_its_first_instant(walk):

@@ -254,7 +254,8 @@ from validation.judge.profiles import DEFAULT, Profile
 OWN = Profile("own", DEFAULT)
 HIGHEST = Metric(
     "highest", "m", "largest height of the COM", "walk",
-    lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0, OWN.name: 1.0}, reason="No body is that tall.",
+    lambda walk: float(walk.measured.com[:, 2].max()), {"default": 2.0, OWN.name: 1.0},
+    reason="No body is that tall.",
 )
 
 class Weak(ampm.TrackingController):
