@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 import tomli_w
 
 from ampm.exceptions import InputError
-from ampm.parameters import FIELDS, OPEN_KEYS, SECTIONS, RunParameters, field_of, merged, put
+from ampm.parameters import FIELDS, OPEN_KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, merged, put
 from ampm.presets import PRESETS
 from ampm.section import Option, Options, nearest, parse_setting, read_toml, unit_of, unknown
 
@@ -41,7 +41,10 @@ def load_run(
     table = {} if source is None else _read_source(source)
     asked: dict[str, Any] = {}
     for setting in [settings] if isinstance(settings, str) else settings:
-        put(asked, *parse_setting(setting))
+        key, value = parse_setting(setting)
+        if key in OPTION_TABLES:
+            raise InputError(f"{key} is a table; give its options one by one, as {key}.NAME.", key=key)
+        put(asked, key, value)
     asked = merged(asked, sections)
     run = RunParameters(**merged(table, asked))
     if source not in PRESETS:

@@ -43,7 +43,7 @@ class SensorParameters(Section, section="sensors"):
     delay: Real = parameter(0.0, "delay of all readings, in whole steps of the physics", "s", ge=0, le=0.2)
     rate: Annotated[Real, AfterValidator(_off_or_read)] = parameter(
         0.0,
-        "readings per second, a whole number of steps of the physics apart; 0: one for every control tick",
+        "readings per second, at least 10, whole steps of the physics apart; 0: one for every control tick",
         "Hz",
         ge=0,
         le=1e5,

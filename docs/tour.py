@@ -77,7 +77,7 @@ def print_endings() -> None:
     """Print how many punches of a kind were followed by another or the end of the tour, and not by a fall."""
     from tour import hinged, punches
 
-    from models.build import build_body
+    from models.load import build_body
     from validation.trial.plan import complete, load_request
 
     segments = {}

@@ -1,4 +1,4 @@
-"""A body from a description file: its source, written again as the other modules expect it.
+"""The body of a run: the human, or one from a description file, written as the other modules expect it.
 
 Every segment of the result is a moving one, with what is fixed to it; with all joints at 0 its axes are those
 of the world, x where the feet point.
@@ -15,12 +15,12 @@ import numpy as np
 from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.parameters import RunParameters
+from ampm.parameters import HUMAN, RunParameters
 from models import scene
-from models.human import COM_OVER_HIP, HIP_HEIGHT
+from models.human import COM_OVER_HIP, HIP_HEIGHT, build_human
 from models.scene import BodyModel, add
 from models.segments import Segment, limb_middles
-from models.source import MASSLESS
+from models.source import MASSLESS, body_path, compiled_source, read_body_file, source_path
 from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
@@ -402,3 +402,17 @@ def _inertial_shape(segment: Segment) -> dict[str, Any]:
     squares = 2.5 * (moments.sum() - 2.0 * moments) / segment.inertial.mass
     size = np.sqrt(np.maximum(squares, _THIN**2))
     return {"type": "ellipsoid", "pos": segment.inertial.com, "quat": scene.quaternion(axes), "size": size}
+
+
+def build_body(run: RunParameters) -> BodyModel:
+    """Build the body that ``body.source`` of a run names, with its contact, time step and integrator.
+
+    Raises InputError if there is no such body, or its description or source is not usable.
+    """
+    if run.body.source == HUMAN:
+        return build_human(run)
+    path = body_path(run.body.source)
+    file = read_body_file(path)
+    source = source_path(file.source, path.parent)
+    model, speeds = compiled_source(source, balance=file.balance_inertia)
+    return Writer(Tree(file, model, speeds)).write(run)

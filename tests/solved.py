@@ -10,7 +10,7 @@ from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
 from ampm.run_file import load_run
 from ampm.walk import Replanner, WalkPlan
-from models.build import build_body
+from models.load import build_body
 from models.scene import BodyModel
 from tests.records import same_bits
 from validation.run.replay import step_again

@@ -10,7 +10,7 @@ import pytest
 
 from ampm.exceptions import InputError
 from ampm.parameters import BodyParameters, RunParameters
-from models.build import build_body
+from models.load import build_body
 from models.propose import propose
 from models.scene import BodyModel
 from models.source import body_path, compiled_source, read_body_file, source_path

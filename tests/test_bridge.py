@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from ampm.parameters import BodyParameters, RunParameters
-from models.build import build_body
+from models.load import build_body
 from tests.test_tick import close
 from validation.trial.bridge import pinocchio_model
 from validation.trial.coordinates import to_pinocchio

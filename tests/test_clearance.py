@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from ampm.body.limits import CLEARANCE
 from ampm.body.robot import Gaps, Robot
 from ampm.run_file import load_run
-from models.build import build_body
+from models.load import build_body
 from tests.saved_run import make_run
 from tests.solved import COARSE, motion_of, walk_of
 from validation.show.report import render

@@ -11,6 +11,7 @@ from matplotlib.image import imread
 
 import ampm
 from ampm.exceptions import BodilyRefusal
+from ampm.parameters import FootstepParameters
 from ampm.planner import routes
 from ampm.planner.contacts import Footstep
 from ampm.planner.footsteps import plan_footsteps
@@ -113,9 +114,16 @@ def test_eased_footsteps(name):
     """All of them are the walk itself, none is marching in place with the toes turned out as before."""
     walk = WALKS[name]
     width = abs(walk[1].position[1] - walk[0].position[1])
-    for one, other in zip(routes.eased(walk, 1.0, width), walk, strict=True):
+
+    def eased(share):
+        run = GAITS["normal"].replace({}, footsteps=routes.as_rows(walk, range(len(walk))))
+        rows = routes.eased(run.footsteps, share, width)
+        assert [row["time"] for row in rows] == list(range(len(walk)))
+        return [routes.of_row(FootstepParameters(**row)) for row in rows]
+
+    for one, other in zip(eased(1.0), walk, strict=True):
         np.testing.assert_allclose([*one.position, one.heading], [*other.position, other.heading], atol=1e-12)
-    still = routes.eased(walk, 0.0, width)
+    still = eased(0.0)
     middle = {np.round(np.add(a.position, b.position), 9).tobytes() for a, b in pairwise(still)}
     assert len(middle) == 1
     assert {(step.foot, step.heading) for step in still} == {(step.foot, step.heading) for step in walk[:2]}

@@ -18,7 +18,7 @@ from ampm.exceptions import AmpmError
 from ampm.parameters import KEYS, BodyParameters, RunParameters
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
-from models.build import build_body
+from models.load import build_body
 from validation.judge.profiles import DEFAULT
 from validation.judge.verdict import judge_summary
 from validation.measure.log import read_log

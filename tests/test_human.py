@@ -12,7 +12,7 @@ import pytest
 from ampm.description import BodyDescription
 from ampm.parameters import BodyParameters, RunParameters
 from docs import human as table
-from models.build import build_body
+from models.load import build_body
 
 
 @pytest.fixture(scope="module", params=[(1.70, 60.0), (1.20, 25.0)], ids=str)

@@ -130,7 +130,7 @@ class FollowedWalk(control.Physics, control.Task):
         step_ends = self.walk.step_ends - self.first * self.timestep()
         course = Course(self.walk.total - self.first, step_ends, iter(table))
         start = place(self.physics, run, table[0])
-        sensing = make_estimator(run, self.planned.body.own_robot(), start)
+        sensing = make_estimator(run, self.planned.body, start)
         self.loop = ClosedLoop(self.physics, None, course, run, estimator=sensing, disturbances=self._forces)
         self.sensed = self.loop.sense()
 

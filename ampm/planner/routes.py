@@ -16,6 +16,8 @@ from ampm.files import check_columns, read_text
 from ampm.parameters import FootstepParameters, RunParameters
 from ampm.planner.contacts import Footstep, Side
 
+Row = Footstep | FootstepParameters | Mapping[str, Any]
+"""A footstep, also of a run or of :func:`read_footsteps`."""
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
 _MOST_TRIED = 40  # footsteps of a walk that is tried with smaller ones: each takes 40 ms
@@ -97,15 +99,16 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     return route(frames, width, "left" if length > 0.0 else "right")
 
 
-def eased(footsteps: Sequence[Footstep | Mapping[str, Any]], share: float, width: float) -> list[Footstep]:
-    """The same walk with smaller steps.
+def eased(footsteps: Sequence[Row], share: float, width: float) -> list[dict[str, Any]]:
+    """The same walk with smaller steps, at the same times, as rows of a run file.
 
     Args:
-        footsteps: two on which the feet stand, then where each lands; also rows of :func:`read_footsteps`.
+        footsteps: two on which the feet stand, then where each lands; see :func:`as_rows`.
         share: of the lengths, turns and heights that is kept [1].
         width: towards which the lateral distance of the feet goes, as far as a step's length towards 0 [m].
     """
-    steps = [step if isinstance(step, Footstep) else of_row(FootstepParameters(**step)) for step in footsteps]
+    rows = as_rows(footsteps)
+    steps = [of_row(FootstepParameters(**row)) for row in rows]
     found = steps[:1]
     for number, step in enumerate(steps[1:], start=1):
         last, new, foot = steps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
@@ -119,29 +122,28 @@ def eased(footsteps: Sequence[Footstep | Mapping[str, Any]], share: float, width
         x = new.position[0] + math.cos(after) * ahead - math.sin(after) * aside
         y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
         found.append(Footstep(step.foot, (x, y, new.position[2] + share * z), heading))
-    return found
+    return as_rows(found, [row.get("time") for row in rows])
 
 
 def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
     """Words on an easier walk than a refused one, which ``plan`` accepts; empty without one, or with many."""
-    footsteps = list(map(of_row, run.footsteps))
-    landings, width = [row.time for row in run.footsteps], run.gait.step_width
+    footsteps, width = as_rows(run.footsteps), run.gait.step_width
 
-    def accepted(share: float, landings: Sequence[float | None] | None) -> bool:
-        rows = as_rows(eased(footsteps, share, width), landings)
+    def accepted(footsteps: Sequence[Row], share: float) -> bool:
         try:
-            plan(run.replace({}, footsteps=rows))
+            plan(run.replace({}, footsteps=eased(footsteps, share, width)))
         except (RefusedGait, InputError):
             return False
         return True
 
     if len(footsteps) > _MOST_TRIED:
         return ""
-    if any(landings) and accepted(1.0, None):
+    free = [{key: value for key, value in row.items() if key != "time"} for row in footsteps]
+    if free != footsteps and accepted(free, 1.0):
         return "leave out their times"
-    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(share, landings)), 0.0)
+    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(footsteps, share)), 0.0)
     kept = "keeps that share of lengths, turns and heights"
-    return f"ampm.planner.routes.eased(footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
+    return f"ampm.planner.routes.eased(run.footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 
 
 def of_row(row: FootstepParameters) -> Footstep:
@@ -149,12 +151,18 @@ def of_row(row: FootstepParameters) -> Footstep:
     return Footstep(row.foot, (row.x, row.y, row.z), row.heading)
 
 
-def as_rows(
-    footsteps: Sequence[Footstep], landings: Sequence[float | None] | None = None
-) -> list[dict[str, Any]]:
-    """Footsteps as ``[[footsteps]]`` of a run file; raises InputError if one is not a footstep."""
+def as_rows(footsteps: Sequence[Row], landings: Sequence[float | None] | None = None) -> list[dict[str, Any]]:
+    """Footsteps as ``[[footsteps]]`` of a run file; those of a run and such rows keep their times.
+
+    Raises InputError if one is not a footstep.
+    """
     rows = []
     for number, step in enumerate(footsteps, start=1):
+        if isinstance(step, FootstepParameters):
+            step = step.model_dump(exclude_unset=True)
+        if isinstance(step, Mapping):
+            rows.append(dict(step))
+            continue
         try:
             foot, (x, y, z), heading = step.foot, map(float, step.position), float(step.heading)
         except (AttributeError, TypeError, ValueError):

@@ -207,7 +207,7 @@ def keys(
     that have it in their name or meaning. Several words narrow the list: 'ampm keys controller swing'.
 
     Every key is shown with its value in a gait, unit, bounds and meaning, and its default where the value is
-    another one. Each can be given as --set KEY=VALUE, in a gait's TOML file, and varied by a sweep.
+    another one. Each can be given as --set KEY=VALUE or in a gait's TOML file; a sweep varies most.
     """
     from ampm.run_file import find_keys
     from validation.trial.plan import load_request

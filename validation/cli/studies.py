@@ -28,9 +28,9 @@ def sweep(
     metric: list[str] | None = options.METRICS,
     dry_run: bool = option("--dry-run", "Count runs and refusals by formula; walk one to measure the time."),
 ) -> int:
-    """Walk many runs over any parameters, on all cores.
+    """Walk many runs over parameters, on all cores.
 
-    FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over any parameter. Runs walk on
+    FILE defines the runs: grids, lists, Latin hypercubes or Sobol points over parameters. Runs walk on
     this machine or a cluster; every finished one is on the disk at once. After a kill, a full disk or Ctrl-C,
     --resume walks only what is missing, and the table is the same to the bit.
     """

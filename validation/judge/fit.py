@@ -35,6 +35,7 @@ CONFIDENCE = 0.95
 _LEAST_STRIDES = 3
 _POINTS = 50  # of a phase
 _MARGIN = 0.25  # share of a stride before and after it that a log must have, too [1]
+_BRIEFEST = 0.2  # stride [s]
 _DEGREE = 9  # of the polynomial from integrated to measured COM, over 1.5 strides
 _ALIKE = 0.1, 0.15  # most difference of a stride's duration and length from the median, over it [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
@@ -103,7 +104,7 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     if not weighed and len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])
         log = replace(log, weight=float(log.signals["force"][strides_only, 2].mean()))
-    bounds = whole_strides(log, left, _MARGIN)
+    bounds = [ends for ends in whole_strides(log, left, _MARGIN) if ends[1] - ends[0] >= _BRIEFEST]
     found = [one for ends in bounds if (one := _stride(log, ends, right, com_height))]
     sizes = np.array([(one["switches"][[0, -1]], one["ends"][[0, -1], 0]) for one in found]).reshape(-1, 2, 2)
     sizes = sizes[..., 1] - sizes[..., 0]
@@ -116,7 +117,7 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
             of += f", in {lost} of which COM and ZMP do not cross along y at every step (check their signs)"
         raise InputError(
             f"{log.name} has too few strides of equal duration and length: {len(chosen)}, and a fit needs "
-            f"{_LEAST_STRIDES}; in {np.ptp(log.time):.3g} s the left foot takes half of the weight "
+            f"{_LEAST_STRIDES}; in {np.ptp(log.time):.3g} s the left foot takes the weight over "
             f"{len(left)} times; whole strides between them: {len(bounds)}{of}; give a longer log of steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )

@@ -44,7 +44,8 @@ PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop
 """Quantities that are places in the world [m]."""
 NEEDED = (
     "time, and force_x, _y, _z of both feet; or left_force_x, _y, _z and the same of right; or "
-    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z and the same of right"
+    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z, "
+    "left_sensor_quaternion_w, _x, _y, _z and the same of right"
 )
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
@@ -62,7 +63,7 @@ _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
 _BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
-_APART = 0.05  # most difference of a quantity given in two ways: of forces over the weight [1], of places [m]
+_APART = 0.02, 0.05  # most difference of what is given in two ways: forces over the weight [1], places [m]
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
         found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)
     for key, values in found.items():
         apart = np.abs(signals.setdefault(key, values) - values).max(axis=1)
-        most = _APART * (weight if key == "force" else 1.0)
+        most = _APART[0] * weight if key == "force" else _APART[1]
         if (middle := float(np.nanmedian(apart))) > most:
             unit = "N" if key == "force" else "m"
             raise InputError(

@@ -140,7 +140,7 @@ def _measured(folder: Path) -> dict[str, Any]:
 def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Request:
     """The walk that a log is compared with; nothing disturbs it."""
     if isinstance(plan, RunParameters):
-        request = load_request(plan)
+        request = load_request(plan, settings)  # which refuses settings
     elif Path(plan).suffix in SUFFIXES:
         request = load_request(None, [*settings, f"gait.planner={quoted(str(Path(plan).resolve()))}"])
     elif names_folder(plan):

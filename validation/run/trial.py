@@ -23,7 +23,7 @@ from validation.store.environment import describe_environment
 from validation.store.folders import run_folder
 from validation.store.json import write_json
 from validation.store.machine import memory_peak
-from validation.store.metric_table import metric_table, walk_title
+from validation.store.metric_table import metric_table, walk_sentence
 from validation.store.record import save_record
 from validation.store.saved import DESCRIPTION, digests, load_saved_run
 from validation.store.signals import save_signals
@@ -65,9 +65,7 @@ class Trial(Tabled):
     @property
     def sentence(self) -> str:
         """Gait, steps, outcome, and verdict with its reason."""
-        changed = {"gait": self.planned.name, "changed": self.planned.request.changed}
-        name, end, verdict = walk_title({**changed, **self.extra}), self.record.outcome.summary, self.verdict
-        return f"{name}, {end}: {verdict.name.replace('_', ' ').upper()}. {verdict.reason}"
+        return walk_sentence(self.summary, self.record.outcome)
 
     def tables(self) -> list[Table]:
         """What was judged; effort and margins."""

@@ -93,7 +93,7 @@ class Chart:
             low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
             size = max(abs(low), abs(high), 1e-3)
             margin = 0.05 * (axis or self.equal) * (high - low) if high - low > 1e-9 * size else 0.05 * size
-            fit = (low - margin, high + margin) if axis == 0 or low or high else (-0.1, 1.0)
+            fit = (low - margin, high + margin) if low or high else (-0.1 if axis else -1.0, 1.0)
             ends.append([fit[k] if given[k] is None else given[k] for k in (0, 1)])
         low, high = np.array(ends, dtype=float).T
         if self.equal:

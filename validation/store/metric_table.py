@@ -12,6 +12,7 @@ from validation.table import (
     short_unit,
     with_uncertainty,
 )
+from validation.trial.outcome import Outcome
 from validation.trial.plan import gait_title
 
 
@@ -25,6 +26,12 @@ def walk_title(summary: Mapping[str, Any]) -> str:
     named = ("sensors.", *summary.get("changed", {}))
     told = [text for text in summary.get("disturbances", ()) if not text.startswith(named)]
     return ", ".join([summary_title(summary), *told])
+
+
+def walk_sentence(summary: Mapping[str, Any], outcome: Outcome) -> str:
+    """Gait, steps, outcome, and verdict with its reason."""
+    verdict = str(summary["verdict"]).replace("_", " ").upper()
+    return f"{walk_title(summary)}, {outcome.summary}: {verdict}. {summary['reason']}"
 
 
 def metric_table(summary: Mapping[str, Any]) -> Table:

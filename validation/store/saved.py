@@ -27,7 +27,7 @@ from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
 from validation.store.json import dump_json, write_json
-from validation.store.metric_table import metric_table, summary_title, walk_title
+from validation.store.metric_table import metric_table, summary_title, walk_sentence
 from validation.store.record import RECORD_FILES, load_record, read_header
 from validation.store.signals import Signals, load_signals
 from validation.store.summary import SUMMARY, read_json
@@ -128,9 +128,11 @@ class SavedRun(Tabled):
             for name in ("single_support", "double_support"):
                 mine = lasting[kinds == name]
                 found[f"{name.replace('_', ' ')} [s]"] = float(mine.mean()) if mine.size else math.nan
-            ends = begun[::2][[0, -1]] if len(begun) > 2 else np.array([0, len(signals) - 1])
+            ends = begun[::2][[0, -1]]  # without a whole step no speed is known
             way = np.ptp(signals.vector("plan_com", "xy")[ends], axis=0)
-            found["planned speed [m/s]"] = float(np.linalg.norm(way) / np.ptp(signals.time[ends]))
+            found["planned speed [m/s]"] = (
+                float(np.linalg.norm(way) / np.ptp(signals.time[ends])) if len(begun) > 2 else math.nan
+            )
         return found
 
     @property
@@ -141,8 +143,7 @@ class SavedRun(Tabled):
     @property
     def sentence(self) -> str:
         """Gait, steps, outcome, and verdict with its reason."""
-        title, verdict = walk_title(self.summary), str(self.summary["verdict"]).replace("_", " ").upper()
-        return f"{title}, {self.record.outcome.summary}: {verdict}. {self.summary['reason']}"
+        return walk_sentence(self.summary, self.record.outcome)
 
     def table(self) -> Table:
         """Every judged metric with its limit."""

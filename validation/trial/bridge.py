@@ -62,7 +62,7 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
     One Pinocchio joint per MuJoCo joint, of the same name and in the same order, chained through hinge
     stacks; inertias from ``body_mass/ipos/iquat/inertia``; armature; gravity; limits of position and effort.
     Frames: one per body (``BODY``), per site (``OP_FRAME``) and per joint (``JOINT``). The model is as
-    :mod:`models.build` makes it: a free root, hinges without a reference angle, a motor for every hinge;
+    :mod:`models.load` makes it: a free root, hinges without a reference angle, a motor for every hinge;
     names of joints, bodies and sites differ.
     """
     result = pin.Model()

@@ -99,7 +99,7 @@ class Push:
         duration: above 0 [s].
 
     Raises:
-        InputError: the force is no three finite numbers, or a time is out of its bounds.
+        InputError: the force is no three finite numbers or is zero, or a time is out of its bounds.
     """
 
     segment: str

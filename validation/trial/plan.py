@@ -234,7 +234,7 @@ def own_gait(run: RunParameters) -> RunParameters:
         return run
     # Imported here: simulator and Pinocchio take a second to load.
     from ampm.tune.first_gait import first_gait
-    from models.build import build_body
+    from models.load import build_body
 
     return first_gait(run, build_body(run).description)
 
@@ -242,7 +242,7 @@ def own_gait(run: RunParameters) -> RunParameters:
 def make_body(run: RunParameters) -> Body:
     """Build the body of a run; raises InputError if it cannot be read, or Drake cannot step it."""
     # Imported here: simulator and Pinocchio take a second to load.
-    from models.build import build_body
+    from models.load import build_body
     from validation.trial.engine import check_drake
 
     model = build_body(run)

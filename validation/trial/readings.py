@@ -19,6 +19,7 @@ from ampm.vectors import cross, from_quaternion, minus, plus, times, turned, vec
 from ampm.walk import State, Touch
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.log import RunLog, StepLog
+from validation.trial.plan import Body
 from validation.trial.users import ESTIMATOR, UsersCode, real_numbers
 
 _HINGES = 6  # velocities of the free root come first
@@ -225,7 +226,7 @@ def _check(state: State, touch: Touch, robot: Robot) -> None:
         raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
 
 
-def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator | None:
+def make_estimator(run: RunParameters, body: Body, start: State) -> Estimator | None:
     """The estimator of a walk that is planned to start in a state; None for ``exact``.
 
     Raises :class:`InputError` if there is none that the run names, or it cannot be made.
@@ -235,4 +236,4 @@ def make_estimator(run: RunParameters, robot: Robot, start: State) -> Estimator 
         return None
     informed = run.undisturbed.model_copy(update={"sensors": run.sensors.known})
     with UsersCode("estimator", factory):
-        return factory(robot, informed, start, **run.sensors.options)
+        return factory(body.own_robot(), informed, start, **run.sensors.options)

@@ -83,7 +83,7 @@ def simulate(
     estimating = stand(planned, physics) if stands else None
     start = place(physics, run, course.table[0])
     if estimating is None:
-        estimating = make_estimator(run, robot, start)
+        estimating = make_estimator(run, planned.body, start)
     else:
         estimating.begin(start)
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
@@ -133,7 +133,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
     controller = TrackingController(robot, run.undisturbed)
     course = References(plan, run, physics, controller=controller)
     start = place(physics, run, course.table[0])
-    estimator = make_estimator(run, robot, start)
+    estimator = make_estimator(run, planned.body, start)
     if not hasattr(estimator, "begin"):
         raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
     outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome
