@@ -25,10 +25,11 @@ from ampm.body.rigid_body import (
 from ampm.compiled import compiled
 from ampm.geometry import Array, Flags
 from ampm.sensors.soles import spread_wrenches
-from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
+from ampm.vectors import ZERO, Vector, clip, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
+FIRM = 0.25  # share of the weight below which a point slides the more, the less it bears [1]
 RATE_ERROR = 0.4  # of the root's commanded angular acceleration, at least [rad/s^2]
 MEMORY = 0.02  # over which the errors of commanded accelerations are averaged [s]
 POINT_ERROR = 1e-3  # standard deviation of a resting point [m]
@@ -149,6 +150,11 @@ def predict(f: Filter, last: float, period: float) -> None:
     propagate(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
         f.covariance[e, e] += f.growth[e]
+    for i in range(len(f.points)):
+        if f.loaded[i]:
+            slides = (FIRM / clip(f.force[i] / f.weight, 0.5 * LOAD, FIRM)) ** 2
+            for e in range(POINTS + 3 * i, POINTS + 3 * i + 2):
+                f.covariance[e, e] += (slides - 1.0) * f.growth[e]
 
 
 @compiled

@@ -23,8 +23,8 @@ _WALK = np.repeat([0.0, 0.0, 0.0, 1e-4, 1e-4], 3)
 """Random walk of the same in a second; velocity and attitude get errors of the sensors instead."""
 _ACCELERATION_ERROR = 0.02
 """Standard deviation of the acceleration at a tick from its mean over the tick [m/s^2]."""
-_CREEP = (2e-3, 2e-3, 1e-3)
-"""Random walk of a loaded point in a second, (3,) [m]: in the presets soles slip by 1 mm in a stance."""
+_CREEP = (1.36e-3, 0.88e-3, 1e-3)
+"""Random walk in a second of a point that bears a quarter of the weight, (3,) [m]."""
 _ERRORS = {"root_linear": 0.0, "root_angular": 0.0, "legs": 0.6, "trunk": 0.1, "arms": 0.03}
 _TOE_ERROR = 2.0
 """Least errors of commanded accelerations by group of hinges, about those of the presets [rad/s^2]."""

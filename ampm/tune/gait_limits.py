@@ -75,7 +75,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
-        "handover" if toes else "edge_handover": double_support / _HANDOVER,
+        **dict.fromkeys(("handover",) if toes else ("edge_handover", "edge_least"), double_support / _HANDOVER),
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }
