@@ -9,7 +9,7 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
-from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
+from ampm.control.workspace import BALL, HEEL, TIP, Workspace
 from ampm.geometry import Array
 from ampm.vectors import ZERO, Vector, along_across, clip, cross, dot, minus, plus, put, times, vector
 
@@ -77,7 +77,7 @@ def _stance(
     put(foot.turning, omega)
     if all_lines and heel.touched and ball.touched:  # flat
         put(acceleration[0:3], times(-damping, velocity))
-        acceleration[2] = _vertical(gains, foot, lines, last, press, damping, velocity[2], share)
+        acceleration[2] = _vertical(work, i, press, damping, velocity[2], share)
         still = times(-gains.stance_damping, omega)
         put(acceleration[3:6], plus(times(1.0 - share, still), yielding))
         acceleration[5] = still[2]  # the floor yields upwards and downwards
@@ -106,16 +106,14 @@ def _stance(
     pivot = minus(_middle(body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
-    down = _vertical(gains, foot, lines, last, press, damping, speed[2], share)
+    down = _vertical(work, i, press, damping, speed[2], share)
     still = -damping * speed[0], -damping * speed[1], down
     put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
     put(acceleration[3:6], turning)
 
 
 @compiled
-def _vertical(
-    gains: Any, foot: Foot, lines: Any, last: Any, press: float, damping: float, speed: float, share: float
-) -> float:
+def _vertical(work: Workspace, i: int, press: float, damping: float, speed: float, share: float) -> float:
     """Wanted vertical acceleration of the line that holds the foot [m/s^2].
 
     The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
@@ -123,20 +121,18 @@ def _vertical(
     of the actual acceleration.
 
     Args:
-        gains: of the controller.
-        foot: its state at the last tick, which is replaced.
-        lines: of the foot.
-        last: the same of the last tick.
+        work: the foot's state at the last tick is replaced.
+        i: the foot.
         press: share of its load that the foot has still to take, 1 ... 0.
         damping: towards the touch-down velocity [1/s].
         speed: of the line [m/s].
         share: least share of the actual acceleration in the command [1].
     """
-    heel, ball = lines[HEEL], lines[BALL]
+    gains, foot = work.gains, work.body.feet[i]
+    lines, last = work.contact.lines[i], work.contact.last[i]
     asked = -damping * (speed + press * (gains.touchdown_velocity + foot.hurry))
-    touching = heel.touching or ball.touching or lines[TIP].touching
-    same = last[HEEL].touched == heel.touched and last[BALL].touched == ball.touched
-    if same and touching and _is_held(last):
+    same = last[HEEL].touched == lines[HEEL].touched and last[BALL].touched == lines[BALL].touched
+    if same and lines.touching.any() and _is_held(last):
         share = max(share, press * gains.landing_yield)
         asked = (1.0 - share) * asked + share * (speed - foot.speed) * gains.frequency
     foot.speed = speed

@@ -25,7 +25,7 @@ from ampm.body.rigid_body import (
 from ampm.compiled import compiled
 from ampm.geometry import Array, Flags
 from ampm.sensors.soles import spread_wrenches
-from ampm.vectors import ZERO, Vector, clip, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
+from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
 
 VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
@@ -152,9 +152,9 @@ def predict(f: Filter, last: float, period: float) -> None:
         f.covariance[e, e] += f.growth[e]
     for i in range(len(f.points)):
         if f.loaded[i]:
-            slides = (FIRM / clip(f.force[i] / f.weight, 0.5 * LOAD, FIRM)) ** 2
+            bears = min(max(f.force[i] / f.weight, 0.5 * LOAD), FIRM)
             for e in range(POINTS + 3 * i, POINTS + 3 * i + 2):
-                f.covariance[e, e] += (slides - 1.0) * f.growth[e]
+                f.covariance[e, e] += ((FIRM / bears) ** 2 - 1.0) * f.growth[e]
 
 
 @compiled

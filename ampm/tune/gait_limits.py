@@ -67,6 +67,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
     turn = max(run.foot.toe_off_rate * quick, run.foot.heel_strike_rate)
     near = np.minimum(share, 1.0 - share) / _SWING_ENDS
     ends = [(near > 0.1) & (near < 1.0) & side for side in (share < 0.5, share > 0.5)]
+    handover = ["handover"] if toes else ["edge_handover", "edge_least"]
     values = {
         "mid_stance": mid_stance_share(run.gait),
         "zmp_single": [part.min() for part in np.array_split(margin[level], 2)],
@@ -75,7 +76,7 @@ def plan_margins(plan: StepPlan, run: RunParameters, description: BodyDescriptio
         "floor": [(swing[end] / near[end] ** 3).min() for end in ends],
         "clearance": swing[(share > _SWING_ENDS) & (share < 1.0 - _SWING_ENDS)].min(),
         "turn": turn if run.foot.schedule == "roll" else 0.0,
-        **dict.fromkeys(("handover",) if toes else ("edge_handover", "edge_least"), double_support / _HANDOVER),
+        **dict.fromkeys(handover, double_support / _HANDOVER),
         "pace": plan.constants.step_duration,
         "friction": (np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max() / run.controller.friction,
     }
