@@ -120,9 +120,9 @@ LIMITS: Mapping[str, Limit] = {
     "edge_handover": Limit(
         "double support over 0.04 s or a longer contact ramp", "1", 0.85, 2.5, "double_support_too_short"
     ),
-    # Chosen on 42 gaits of the G1: of 8 with less 5 failed with late, noisy readings, of 34 with more 2.
+    # Chosen on 42 gaits of the G1: of 4 with less, 3 failed with late, noisy readings.
     "edge_least": Limit(
-        "double support over 0.04 s or a longer contact ramp", "1", 1.4, 1.6, "double_support_too_short"
+        "double support over 0.04 s or a longer contact ramp", "1", 1.1, 1.6, "double_support_too_short"
     ),
     # The shortest of which walks are known: 0.177 s.
     "pace": Limit("duration of a step", "s", 0.175, 0.185, "step_too_short_in_time"),

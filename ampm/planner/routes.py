@@ -191,7 +191,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     needed = [name for name, field in FootstepParameters.model_fields.items() if field.is_required()]
     if missing := [name for name in needed if names and name not in names]:
-        known = f"footsteps need {', '.join(needed)}; --planner walks a plan"
+        known = f"it has {', '.join(names)}; footsteps need {', '.join(needed)}; --planner walks a plan"
         raise InputError(f"{path} has no column {missing[0]!r}; {known}.")
     rows = []
     for line, cells in lines:
