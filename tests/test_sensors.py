@@ -12,7 +12,7 @@ import pytest
 import validation as val
 from ampm.control.controller import TrackingController
 from ampm.run_file import load_run
-from ampm.sensors.filters import ACCELEROMETER, GYRO, TURN, VELOCITY
+from ampm.sensors.filters import ACCELEROMETER, GYRO, POINTS, TURN, VELOCITY, predict
 from ampm.sensors.kalman import Kalman
 from ampm.sensors.soles import SoleForces
 from ampm.walk import State, Touch
@@ -134,6 +134,19 @@ def relative(**sensors):
     """ZMP RMSE from the standing foot, x and y [mm]."""
     metrics = walked(**sensors).metrics
     return np.array([1e3 * metrics[f"zmp_foot_{axis}_rmse"].value for axis in "xy"])
+
+
+def test_a_resting_point_slides_the_more_the_less_it_bears():
+    robot, run = walk_of().robot, load_run("normal", sensors={"estimator": "kalman"})
+    f = Kalman(robot, run, State(0.0, pin.neutral(robot.model), np.zeros(robot.nv), 0.0)).filter
+    f.loaded[:], f.force[:] = True, f.weight * np.tile([0.01, 0.03, 0.05, 0.1, 0.25, 0.5], 2)
+    rows = slice(POINTS, POINTS + 3 * len(f.points))
+    before = np.diag(f.covariance)[rows].copy()
+    predict(f, 0.0, 0.002)
+    growth = ((np.diag(f.covariance)[rows] - before) / f.growth[rows]).reshape(-1, 3)
+    expected = np.tile([[70.0], [70.0], [25.0], [6.25], [1.0], [1.0]], (2, 2))
+    np.testing.assert_allclose(growth[:, :2], expected, rtol=0.01)
+    np.testing.assert_allclose(growth[:, 2], 1.0, rtol=1e-3)
 
 
 def test_readings_integrate_to_the_true_motion():
