@@ -128,11 +128,10 @@ class SavedRun(Tabled):
             for name in ("single_support", "double_support"):
                 mine = lasting[kinds == name]
                 found[f"{name.replace('_', ' ')} [s]"] = float(mine.mean()) if mine.size else math.nan
-            ends = begun[::2][[0, -1]]  # without a whole step no speed is known
-            way = np.ptp(signals.vector("plan_com", "xy")[ends], axis=0)
-            found["planned speed [m/s]"] = (
-                float(np.linalg.norm(way) / np.ptp(signals.time[ends])) if len(begun) > 2 else math.nan
-            )
+            ends = begun[::2][[0, -1]]
+            way = np.linalg.norm(np.ptp(signals.vector("plan_com", "xy")[ends], axis=0))
+            whole = len(begun) > 2  # a step
+            found["planned speed [m/s]"] = float(way / np.ptp(signals.time[ends])) if whole else math.nan
         return found
 
     @property

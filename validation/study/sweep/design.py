@@ -169,9 +169,7 @@ class SweepDefinition(Section, section="sweep"):
     gait: str | tuple[str, ...] = Field(
         "normal", description="preset, or TOML file relative to the sweep's; or a list of them", min_length=1
     )
-    steps: int | None = Field(
-        30, description="of every run; None (a file's default): its gait's", ge=1, le=10**4
-    )
+    steps: int | None = Field(30, description="of every run; None: those of its gait", ge=1, le=10_000)
     tune: bool = Field(False, description="find the values that every run leaves open; otherwise keep them")
     seed: int = Field(1, description="of the sampled blocks", ge=0, le=2**63 - 1)
     profile: str = Field("", description="profile that judges the runs; by default their own if alike")
