@@ -63,7 +63,8 @@ _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
 _BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
-_APART = 0.02, 0.05  # most difference of what is given in two ways: forces over the weight [1], places [m]
+_FORCES_APART = 0.02  # most difference of forces that are given in two ways, over the weight [1]
+_PLACES_APART = 0.05  # the same of places [m]
 
 
 @dataclass(frozen=True)
@@ -252,7 +253,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
         found["zmp"] = centre_of_pressure(sum(forces), sum(torques), least, floor)
     for key, values in found.items():
         apart = np.abs(signals.setdefault(key, values) - values).max(axis=1)
-        most = _APART[0] * weight if key == "force" else _APART[1]
+        most = _FORCES_APART * weight if key == "force" else _PLACES_APART
         if (middle := float(np.nanmedian(apart))) > most:
             unit = "N" if key == "force" else "m"
             raise InputError(
