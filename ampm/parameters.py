@@ -6,7 +6,7 @@ Keys are namespaced (``gait.step_length``); :mod:`ampm.run_file` reads and write
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -199,16 +199,6 @@ OPTION_TABLES: Mapping[str, str] = {
 """Tables of the options of users' classes, and the keys of their names, after which they may stand, too."""
 
 
-class Counts(NamedTuple):
-    """Steps of the physics and ticks of the controller in the times of a run."""
-
-    steps_per_tick: int
-    ticks_late: int  # of the torques
-    steps_late: int  # of the readings
-    steps_per_reading: int  # from one reading to the next; 0: one a tick
-    ticks_per_fix: int  # from one fix of the position to the next; 0 without fixes
-
-
 COUNTED: Mapping[str, str] = {
     "controller.frequency": "simulation.time_step",
     "disturbance.actuation_delay": "controller.frequency",
@@ -216,7 +206,7 @@ COUNTED: Mapping[str, str] = {
     "sensors.rate": "simulation.time_step",
     "sensors.fix_rate": "controller.frequency",
 }
-"""Times and rates that are whole steps or ticks, and the key of these, in the order of :class:`Counts`."""
+"""Times and rates that are whole steps or ticks, and the key of these, see :meth:`RunParameters.count`."""
 
 
 def counted(key: str, value: float, per: float, most: float = math.inf) -> tuple[float, int, float]:
@@ -293,16 +283,15 @@ class RunParameters(Section):
         for key in ("command.duration", "sensors.stand"):
             if 0.0 < self.value(key) < tick:
                 raise self.refusal(key, f"must be at least a controller's tick, {tick:g} s", "raise it")
-        self.counts  # noqa: B018  refuses what is not a whole number
+        for key in COUNTED:
+            self.count(key)
         return self
 
-    @property
-    def counts(self) -> Counts:
-        """Steps and ticks in periods, delays and rates; raises InputError if one is not a whole number."""
-        return Counts(*map(self._count, COUNTED))
+    def count(self, key: str) -> int:
+        """Steps or ticks in a key's time [s], or between two events of its rate [Hz]; 0 if that is 0.
 
-    def _count(self, key: str) -> int:
-        """How many there are in a key's time [s], or between two events of its rate [Hz]; 0 if that is 0."""
+        Raises InputError if it is no whole number.
+        """
         per, value = COUNTED[key], self.value(key)
         if not value:
             return 0

@@ -188,7 +188,7 @@ class MotorFaults:
         fault = run.disturbance
         signs = np.random.default_rng([fault.seed, 1])
         self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], motors)
-        late = run.counts.ticks_late
+        late = run.count("disturbance.actuation_delay")
         self._commanded: deque[tuple[Array, Array]] = deque(maxlen=1 + late)
 
     def act(self, torque: Array, rate: Array) -> None:

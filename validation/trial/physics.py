@@ -69,7 +69,7 @@ class Physics:
         self.engine = make_engine(model, data, run)
         self.robot = robot = body.robot
         self.time_step = float(model.opt.timestep)
-        self.substeps = run.counts.steps_per_tick
+        self.substeps = run.count("controller.frequency")
         description = robot.description
         self.point_sites = names = tuple(site for _, _, site in description.sole_points())
         soles = [leg.sole_frame for leg in description.legs]

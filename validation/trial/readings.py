@@ -78,9 +78,9 @@ class Sensors:
         self._users_code = UsersCode("estimator", estimator, walking=True)
         self.parameters = sensors = run.sensors
         self._time_step = dt = run.simulation.time_step
-        self._late, self._apart = run.counts.steps_late, run.counts.steps_per_reading
+        self._late, self._apart = run.count("sensors.delay"), run.count("sensors.rate")
         self._span = max(log.substeps, self._apart)  # of the mean acceleration
-        self._steps_per_fix = log.substeps * run.counts.ticks_per_fix
+        self._steps_per_fix = log.substeps * run.count("sensors.fix_rate")
         hinges, points = log.physics.robot.nu, log.record.point_force.shape[1]
         self._wrenches = sensors.force_sensor == WRENCH
         forces = {"force": 6, "moment": 6} if self._wrenches else {"force": points}
