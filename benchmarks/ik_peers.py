@@ -14,7 +14,6 @@ from ampm.body.step_reference import StepReference, step_grid, step_reference
 from ampm.geometry import Array
 from ampm.planner.support import plan_steps
 from benchmarks.peer import Peer
-from benchmarks.timing import least
 from validation.progress import Progress
 from validation.trial.coordinates import to_mujoco, to_pinocchio
 from validation.trial.plan import PlannedWalk
@@ -142,7 +141,7 @@ def follow(
             spans.append(time.perf_counter() - begin)
             q.append(configuration())
         rounds.append(spans)
-    return least(rounds), np.stack(q)
+    return np.min(rounds, axis=0), np.stack(q)
 
 
 def error_text(robot: Robot, reference: StepReference, q: Array) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ampm.geometry import Array
 from ampm.walk import ControlOutput
-from benchmarks.timing import least
 from validation.progress import Progress, interruption
 from validation.table import Table, format_duration
 from validation.trial.engine import make_engine
@@ -38,6 +37,8 @@ class LoopTimes:
 def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes:
     """Make the same walk several times and step its physics alone; of each period the least time counts.
 
+    Another process rarely interrupts the same period in all walks.
+
     Raises:
         KeyboardInterrupt: the user interrupted a walk.
     """
@@ -57,11 +58,11 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
             physics.append(time_physics(record, planned))
     return LoopTimes(
         time_step=run.simulation.time_step,
-        period=float(np.median(least(periods))),
-        tick=float(np.median(least(ticks))),
-        tick_p99=float(np.percentile(least(ticks), 99)),
-        solve=float(np.median(least(solves))),
-        physics=float(np.median(least(physics))),
+        period=float(np.median(np.min(periods, axis=0))),
+        tick=float(np.median(np.min(ticks, axis=0))),
+        tick_p99=float(np.percentile(np.min(ticks, axis=0), 99)),
+        solve=float(np.median(np.min(solves, axis=0))),
+        physics=float(np.median(np.min(physics, axis=0))),
         ending="" if record.outcome.completed else record.outcome.ending,
     )
 

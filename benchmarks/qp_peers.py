@@ -12,7 +12,6 @@ from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPProblem, QPSolution, QPSolver
 from benchmarks.peer import Peer
-from benchmarks.timing import least
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk
 from validation.trial.simulate import simulate
@@ -94,7 +93,7 @@ def _solve(
     for _ in range(rounds):
         solver = TrackingController(robot, run).contact_qp.solver
         found.append([solve(solver, problem) for problem in problems])
-    seconds = least([[solution.seconds for solution in solutions] for solutions in found])
+    seconds = np.min([[solution.seconds for solution in solutions] for solutions in found], axis=0)
     return seconds, np.stack([solution.x for solution in found[0]])
 
 
@@ -113,7 +112,7 @@ def _solve_by_qpsolvers(problems: Sequence[QPProblem], solver: str) -> tuple[Arr
     rounds = []
     for _ in range(_ROUNDS):
         rounds.append([qpsolvers.solve_problem(form, solver) for form in forms])
-    seconds = least([[solution.solve_time for solution in solutions] for solutions in rounds])
+    seconds = np.min([[solution.solve_time for solution in solutions] for solutions in rounds], axis=0)
     return seconds, np.stack([solution.x for solution in rounds[0]])
 
 
