@@ -20,22 +20,15 @@ Scalar = Any  # a float at one instant, an array (T,) at T of them
 
 
 class PostureState(NamedTuple):
-    """Whole-body configuration at one instant, Pinocchio's coordinates; T instants have a leading axis.
+    """Whole-body configuration at one instant, Pinocchio's coordinates; T instants have a leading axis."""
 
-    Attributes:
-        q: shape (nq,).
-        v, acceleration: root part in root axes, shape (nv,).
-        trunk: rotation of the trunk segment to world, shape (3, 3).
-        angular_momentum_z: about the COM, shape () [N m s].
-        tilt_window: time over which the controller averages the trunk's tilt [s]; 0: not at all, as for a
-            posture that plans the trunk's motion within a step.
-    """
-
-    q: Array
-    v: Array
-    acceleration: Array
-    trunk: Array
-    angular_momentum_z: Scalar
+    q: Array  # shape (nq,)
+    v: Array  # root part in root axes, shape (nv,)
+    acceleration: Array  # likewise
+    trunk: Array  # rotation of the trunk segment to world, shape (3, 3)
+    angular_momentum_z: Scalar  # about the COM, shape () [N m s]
+    # time over which the controller averages the trunk's tilt [s]; 0: not at all, as for a posture that plans
+    # the trunk's motion within a step
     tilt_window: Scalar = 0.0
 
 

@@ -43,19 +43,12 @@ class Footstep(NamedTuple):
 
 
 class Phase(NamedTuple):
-    """A time during which the same feet stand on the same footsteps.
+    """A time during which the same feet stand on the same footsteps."""
 
-    Attributes:
-        start: [s].
-        duration: [s].
-        left: footstep of the left foot, None while it swings.
-        right: footstep of the right foot, None while it swings.
-    """
-
-    start: float
-    duration: float
-    left: Footstep | None
-    right: Footstep | None
+    start: float  # [s]
+    duration: float  # [s]
+    left: Footstep | None  # footstep of the left foot, None while it swings
+    right: Footstep | None  # likewise of the right foot
 
     @property
     def kind(self) -> Literal["single_support", "double_support"]:

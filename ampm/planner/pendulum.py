@@ -31,24 +31,16 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 
 class LawState(NamedTuple):
-    """State of a law at some times; every field has the shape of the times.
+    """State of a law at some times; every field has the shape of the times."""
 
-    Attributes:
-        position: COM from the law's origin [m].
-        velocity: of the COM [m/s].
-        acceleration: of the COM [m/s^2].
-        zmp: ZMP from the law's origin [m].
-        moment_arm: distance by which the force line misses the COM [m]; times the weight it is the moment
-            about the COM: ``M_x = +m g arm`` in the frontal plane, ``M_y = -m g arm`` in the sagittal plane.
-        moment_arm_integral: integral of ``moment_arm`` since the start of the phase [m s].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    zmp: Array
+    position: Array  # COM from the law's origin [m]
+    velocity: Array  # of the COM [m/s]
+    acceleration: Array  # of the COM [m/s^2]
+    zmp: Array  # ZMP from the law's origin [m]
+    # distance by which the force line misses the COM [m]; times the weight it is the moment about the COM:
+    # `M_x = +m g arm` in the frontal plane, `M_y = -m g arm` in the sagittal plane
     moment_arm: Array
-    moment_arm_integral: Array
+    moment_arm_integral: Array  # integral of `moment_arm` since the start of the phase [m s]
 
 
 @dataclass(frozen=True)

@@ -10,32 +10,20 @@ from ampm.walk import State, Touch
 
 
 class Readings(NamedTuple):
-    """Readings of all sensors for one control tick.
+    """Readings of all sensors for one control tick."""
 
-    Attributes:
-        time: of the tick [s].
-        age: how old the readings are [s].
-        angles: of the hinges, shape (nu,) [rad].
-        rates: of the hinges, shape (nu,) [rad/s].
-        gyro: rate of the root in its own axes, shape (3,) [rad/s].
-        accelerometer: acceleration of the root less gravity in its own axes, mean since the reading before,
-            shape (3,) [m/s^2].
-        force: normal force of every sole point, shape (P,) [N]; zeros with wrenches.
-        contact: sole points that touch, by switches, shape (P,); False with wrenches.
-        position: of the root in the world, shape (3,) [m]; None without a fix.
-        wrench: force and moment of the floor on every foot, about its sole's reference point and in that
-            frame's axes, shape (2, 6) [N, N m]; None without such sensors.
-    """
-
-    time: float
-    age: float
-    angles: "Array"
-    rates: "Array"
-    gyro: "Array"
+    time: float  # of the tick [s]
+    age: float  # how old the readings are [s]
+    angles: "Array"  # of the hinges, shape (nu,) [rad]
+    rates: "Array"  # of the hinges, shape (nu,) [rad/s]
+    gyro: "Array"  # rate of the root in its own axes, shape (3,) [rad/s]
+    # acceleration of the root less gravity in its own axes, mean since the reading before, shape (3,) [m/s^2]
     accelerometer: "Array"
-    force: "Array"
-    contact: NDArray[np.bool_]
-    position: "Array | None" = None
+    force: "Array"  # normal force of every sole point, shape (P,) [N]; zeros with wrenches
+    contact: NDArray[np.bool_]  # sole points that touch, by switches, shape (P,); False with wrenches
+    position: "Array | None" = None  # of the root in the world, shape (3,) [m]; None without a fix
+    # force and moment of the floor on every foot, about its sole's reference point and in that frame's axes,
+    # shape (2, 6) [N, N m]; None without such sensors
     wrench: "Array | None" = None
 
 

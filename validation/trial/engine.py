@@ -22,15 +22,12 @@ from ampm.vectors import ZERO, cross, dot, minus, plus, times, vector
 
 
 class Engine(NamedTuple):
-    """Steps the data of a model.
+    """Steps the data of a model."""
 
-    Attributes:
-        step1: kinematics, sensors and contacts of the state, as ``mj_step1``; the control tick acts after it.
-        step2: from state, ``ctrl`` and ``xfrc_applied`` to the next state, as ``mj_step2``. ``contact`` and
-            ``efc_force`` then hold the forces of this step; kinematics stay as they were.
-    """
-
+    # kinematics, sensors and contacts of the state, as `mj_step1`; the control tick acts after it
     step1: Callable[[], None]
+    # from state, `ctrl` and `xfrc_applied` to the next state, as `mj_step2`; `contact` and `efc_force` then
+    # hold the forces of this step, and kinematics stay as they were
     step2: Callable[[], None]
 
 
