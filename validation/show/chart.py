@@ -5,7 +5,6 @@ import textwrap
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -180,15 +179,12 @@ class Picture:
         label = self.label[:1].upper() + self.label[1:]
         return f"Figure {self.number}. {label}. {self.caption}".rstrip()
 
-    @property
-    def image(self) -> Markup:
-        """Markup, without references to anything outside the page."""
-        data = b64encode(self.svg().encode()).decode()
-        return Markup(f'<img alt="{escape(self.label)}" src="data:image/svg+xml;base64,{data}">')
-
-    def svg(self) -> str:
-        """As SVG with the reader's font, for a page."""
-        return svg(*_drawn(self.charts))
+    def __html__(self) -> str:
+        """The figure of a page, without references to anything outside it."""
+        data = b64encode(svg(*_drawn(self.charts)).encode()).decode()
+        image = Markup('<img alt="{}" src="data:image/svg+xml;base64,{}">').format(self.label, data)
+        card = Markup('<figure class="card{}">{}<figcaption>{}</figcaption></figure>')
+        return card.format(" wide" * self.wide, image, self.text)
 
     def as_file(self, form: str, width: float | None = None) -> bytes:
         """As SVG, PDF, PNG or PGF with its letters; with a width [pt] its charts are fitted to it."""
