@@ -98,8 +98,7 @@ class SparseValues(NamedTuple):
 def gather(problem: QPProblem, values: SparseValues) -> float:
     """Take dense matrices to their values in CSC order, and bounds to finite ones.
 
-    Returns:
-        The largest difference of a lower bound and its upper one, positive where no point is feasible.
+    Returns the largest difference of a lower bound and its upper one, positive where no point is feasible.
     """
     P, A, lower, upper = problem.P.reshape(-1), problem.A.reshape(-1), problem.lower, problem.upper
     for i in range(len(values.P)):
@@ -143,9 +142,7 @@ class QPSolver:
     def solve(self) -> QPSolution:
         """Solve the problem as it stands now, warm-started from the last answer.
 
-        Raises:
-            SolverError: OSQP does not take the problem, for example because the cost is not convex.
-            KeyboardInterrupt: the user interrupted the solve.
+        Raises :class:`SolverError` if OSQP does not take it, for example because the cost is not convex.
         """
         start, q = time.perf_counter(), self.problem.q
         gap = self._gather()

@@ -126,8 +126,7 @@ def follow(
 ) -> tuple[Array, Array]:
     """Times of the n ticks, shape (n,) [s], and configurations, shape (n + 1, nq).
 
-    Raises:
-        ImportError: the library is not installed.
+    Raises :class:`ImportError` if the library is not installed.
     """
     start, steps = planned.motion.q[0], np.diff(reference.time)
     rounds = []

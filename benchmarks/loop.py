@@ -38,9 +38,6 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
     """Make the same walk several times and step its physics alone; of each period the least time counts.
 
     Another process rarely interrupts the same period in all walks.
-
-    Raises:
-        KeyboardInterrupt: the user interrupted a walk.
     """
     run = planned.run
     periods, ticks, solves, physics = [], [], [], []
@@ -68,11 +65,7 @@ def time_loop(planned: PlannedWalk, walks: int, progress: Progress) -> LoopTimes
 
 
 def time_physics(record: SimulationRecord, planned: PlannedWalk) -> Array:
-    """Step the physics of a walk again with the recorded torques.
-
-    Returns:
-        Time of each whole control period, shape (T,) [s].
-    """
+    """Step the physics of a walk again with the recorded torques: time of each control period, (T,) [s]."""
     model = planned.body.model.compile()
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = record.q[0], record.qd[0]

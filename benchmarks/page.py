@@ -24,21 +24,13 @@ def conditions(title: str, load: float) -> str:
 
 
 def write_page(mark: str, text: str) -> None:
-    """Replace what stands between the marks of a name on the page.
-
-    Raises:
-        ValueError: the page has no such marks.
-    """
+    """Replace what stands between the marks of a name on the page; ValueError if it has none."""
     changed = replace_between(PAGE.read_text(encoding="utf-8"), mark, f"\n{text}\n")
     PAGE.write_text(changed, encoding="utf-8")
 
 
 def replace_between(page: str, name: str, text: str) -> str:
-    """A page with new text between its marks ``<!-- name -->`` and ``<!-- end of name -->``.
-
-    Raises:
-        ValueError: the page lacks them.
-    """
+    """A page with new text between its marks ``<!-- name -->`` and ``<!-- end of name -->``."""
     head, first, rest = page.partition(f"<!-- {name} -->\n")
     _, last, tail = rest.partition(f"\n<!-- end of {name} -->")
     if not (first and last):

@@ -32,8 +32,7 @@ _ROUNDS = 3  # equal passes over all problems, of which the least times count
 def compare_solvers(planned: PlannedWalk, problems: Sequence[QPProblem], progress: Progress) -> list[Peer]:
     """Our solver, timed with the update of its workspace, and solvers by qpsolvers, without their set-up.
 
-    Returns:
-        Times of a QP; errors are the largest of a point's normal force, beside :data:`EXACT`.
+    Errors are the largest of a point's normal force, beside :data:`EXACT`.
     """
     run, robot = planned.run, planned.body.robot
     with progress.stage("QPs by our solver"):
@@ -100,8 +99,7 @@ def _solve(
 def _solve_by_qpsolvers(problems: Sequence[QPProblem], solver: str) -> tuple[Array, Array]:
     """Times without set-up [s] and solutions with the solver's defaults, shapes (T,) and (T, n).
 
-    Raises:
-        ImportError: qpsolvers or the solver is not installed.
+    Raises :class:`ImportError` if qpsolvers or the solver is not installed.
     """
     import qpsolvers  # an optional package
 

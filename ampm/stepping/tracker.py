@@ -90,11 +90,7 @@ class StepTracker:
         self._tables = [self._table(phase) for phase in plan.contacts.phases]
 
     def begin(self, time: float) -> Any:
-        """Go to the phase of the tick that begins; return a reference to its :class:`Stepper`.
-
-        Args:
-            time: of the tick [s].
-        """
+        """Go to the phase of the tick at a time [s]; return a reference to its :class:`Stepper`."""
         if self._leaves[0]:
             self._leave()
         if self._off_plan[0]:

@@ -165,10 +165,8 @@ def compare(
 
     The description names the knees; shapes are the body's, for the clearance of its parts. Of a walk without
     a plan, all that is planned is NaN but the phases, which are those of the contacts; and ``costs`` has its
-    ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time.
-
-    Raises:
-        InputError: the walk is longer than the plan, or the measurement is of another walk.
+    ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time. Raises
+    :class:`InputError` if the walk is longer than the plan, or the measurement is of another walk.
     """
     time = measured.time
     if time.size != record.steps:

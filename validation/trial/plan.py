@@ -263,9 +263,7 @@ def plan_walk(
     unchanged.
 
     The planner is that of the run by default, and for footsteps :class:`ampm.planners.FootstepPlanner`.
-
-    Raises:
-        InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met, or a user's planner fails.
+    Raises InputError or RefusedGait if the request cannot be met, or a user's planner fails.
     """
     asked = run = request.run
     progress = progress or Progress()

@@ -20,8 +20,7 @@ def segment_entity(model: mujoco.MjModel, body: int) -> str:
 def segment_poses(model: mujoco.MjModel, q: Array) -> tuple[Array, Array]:
     """Where the segments are, by forward kinematics of configurations, shape (N, nq).
 
-    Returns:
-        Positions (N, nbody, 3) [m], and quaternions x, y, z, w (N, nbody, 4).
+    Positions have shape (N, nbody, 3) [m], and quaternions x, y, z, w (N, nbody, 4).
     """
     data = mujoco.MjData(model)
     position = np.empty((len(q), model.nbody, 3))

@@ -54,8 +54,7 @@ _LABELS = 7
 def axis_range(values: Array) -> tuple[float, float]:
     """Ends of a vertical axis that has labels: multiples of a power of ten, as the viewer labels no others.
 
-    Args:
-        values: all that is drawn, NaN where nothing is.
+    The values are all that is drawn, NaN where nothing is.
     """
     known = values[np.isfinite(values)]
     if not known.size:

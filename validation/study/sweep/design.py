@@ -310,12 +310,7 @@ class SweepDefinition(Section, section="sweep"):
         return rounded(found, self._ends, self.shared[self.gait_of(run)])
 
     def parameters(self, run: int) -> RunParameters:
-        """Everything that describes one run.
-
-        Raises:
-            InputError: its keys do not go together.
-            IndexError: there is no such run.
-        """
+        """Everything that describes one run; InputError if its keys do not go together."""
         return self.suited(run).replace(self.varied(run))
 
     def name_of(self, run: int) -> str:
