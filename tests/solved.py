@@ -3,13 +3,11 @@
 from functools import cache
 from typing import Any, NamedTuple
 
+from ampm import Replanner, RunParameters, WalkPlan, load_run
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
-from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.run_file import load_run
-from ampm.walk import Replanner, WalkPlan
 from models.load import build_body
 from models.scene import BodyModel
 from tests.records import same_bits

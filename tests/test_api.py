@@ -10,9 +10,8 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import InputError
+from ampm import ControlOutput, InputError
 from ampm.planners import PeriodicPlanner, StandingPlanner
-from ampm.walk import ControlOutput
 from validation.cli.app import call
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}

@@ -15,9 +15,8 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.exceptions import AmpmError, InputError, RefusedGait
+from ampm import AmpmError, InputError, RefusedGait, load_run
 from ampm.planner import routes
-from ampm.run_file import load_run
 from tests import test_make_plan
 from tests.solved import simulated
 from tests.sweep_table import parse_sweep

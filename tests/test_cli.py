@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ampm import __version__
-from ampm.exceptions import InputError, SolverError
+from ampm import InputError, SolverError, __version__
 from ampm.parameters import KEYS, OPTION_TABLES
 from validation.cli.app import Status
 from validation.show.viewer import viewer_command

@@ -8,9 +8,7 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.control.controller import TrackingController
-from ampm.exceptions import InputError
-from ampm.walk import ControlOutput
+from ampm import ControlOutput, InputError, TrackingController
 from docs.examples import tsid_controller
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK

@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ampm.exceptions import InputError
+from ampm import InputError, load_run
 from ampm.physics_parameters import DrakeParameters
-from ampm.run_file import load_run
 from tests.solved import body_of, simulated
 from tests.test_bodies import run_of
 from validation.run.walk import walk

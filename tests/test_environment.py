@@ -9,13 +9,11 @@ from dm_env import test_utils
 
 import ampm
 import validation as val
-from ampm.control.controller import TrackingController
-from ampm.walk import ControlOutput
+from ampm import ControlOutput, TrackingController
 from docs.examples import onnx_policy
 from tests.records import same_bits
 from tests.solved import QUICK
-from validation import environment
-from validation.trial.disturbances import Push
+from validation import Push, environment
 
 COARSE = QUICK | {"gait": {"steps": 3}}
 

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from ampm import load_run, preset_names
 from ampm.description import SoleGeometry
 from ampm.geometry import convex_hull, hull_distance, polygon_margin
 from ampm.parameters import FootParameters
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import plan_steps
-from ampm.presets import preset_names
-from ampm.run_file import load_run
 from models.human import sole_geometry
 
 SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import validation as val
-from ampm.parameters import GaitParameters
+from ampm import GaitParameters, load_run
 from ampm.planner.periodic import plan_gait
-from ampm.run_file import load_run
 from validation.judge.fit import MODELS
 
 MASS = 60.0

@@ -7,16 +7,14 @@ import pytest
 
 import ampm
 import validation as val
-from ampm import InputError
+from ampm import FootstepPlanner, InputError, plan_footsteps
 from ampm.body.constant_posture import ConstantPosture
 from ampm.planner import routes
 from ampm.planner.footstep_walk import plan_footstep_walk
-from ampm.planner.footsteps import plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
-from ampm.planners import FootstepPlanner
 from tests.test_footsteps import BODY, WALKS, turned
 from validation.store.saved import load_saved_run
 from validation.trial.plan import Request, load_request, plan_walk

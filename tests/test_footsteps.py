@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from matplotlib.image import imread
 
 import ampm
-from ampm.exceptions import BodilyRefusal
+from ampm import BodilyRefusal, Footstep, plan_footsteps
 from ampm.parameters import FootstepParameters
 from ampm.planner import routes
-from ampm.planner.contacts import Footstep
-from ampm.planner.footsteps import plan_footsteps
 from tests.properties import assert_walk
 from tests.test_negative_controls import script
 from validation.trial.plan import Request, make_body, plan_walk

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ampm import load_run
-from ampm.exceptions import AmpmError
+from ampm import AmpmError, load_run
 from ampm.parameters import KEYS, BodyParameters, RunParameters
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion

@@ -8,8 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from ampm.exceptions import MathematicalRefusal
-from ampm.parameters import GaitParameters
+from ampm import GaitParameters, MathematicalRefusal
 from ampm.planner.periodic import RESIDUAL_LIMIT, plan_gait
 from tests import properties
 

@@ -7,10 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ampm
-from ampm.exceptions import InputError
+from ampm import InputError, load_run
 from ampm.planner import routes
 from ampm.planner.newton import check_newton
-from ampm.run_file import load_run
 from examples.planners.alip import Alip, wanted_step
 from examples.planners.centroidal import MOST_MOMENT, Centroidal
 from examples.planners.hlip import Deadbeat, Lqr, deadbeat, regulator, step_to_step

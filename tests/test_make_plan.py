@@ -5,8 +5,7 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.planner.contacts import Footstep
-from ampm.planners import TablePlanner
+from ampm import Footstep, TablePlanner
 from tests.solved import COARSE, planned_walk, walk_of
 from validation.store.tables import plan_table, sample_times
 from validation.trial.users import load_planner

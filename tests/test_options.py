@@ -5,8 +5,7 @@ import importlib
 import numpy as np
 
 import validation as val
-from ampm.planners import PeriodicPlanner
-from ampm.run_file import dump_run, load_run
+from ampm import PeriodicPlanner, dump_run, load_run
 from ampm.section import parse_setting
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK

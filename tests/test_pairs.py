@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
+from ampm import InputError, load_run
 from ampm import plan as plan_of
-from ampm.exceptions import InputError
-from ampm.run_file import load_run
 from tests.saved_run import make_study
 from tests.test_controllers import JOINT_PD
 from validation.judge.uncertainty import Uncertainty

@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 import validation as val
-from ampm.exceptions import InputError
-from ampm.parameters import GaitParameters
+from ampm import GaitParameters, InputError
 from ampm.planner.periodic import plan_gait
 from docs.examples import eurobench
 from validation.run.judge_log import log_columns

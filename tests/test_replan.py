@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ampm.exceptions import BodilyRefusal, InputError
+from ampm import BodilyRefusal, FootstepPlanner, InputError, PeriodicPlanner, load_run
 from ampm.planner.routes import as_rows, straight
-from ampm.planners import FootstepPlanner, PeriodicPlanner
-from ampm.run_file import load_run
 from tests.records import same_bits
 from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved

@@ -10,12 +10,10 @@ import pinocchio as pin
 import pytest
 
 import validation as val
-from ampm.control.controller import TrackingController
-from ampm.run_file import load_run
+from ampm import State, Touch, TrackingController, load_run
 from ampm.sensors.filters import ACCELEROMETER, GYRO, POINTS, TURN, VELOCITY, predict
 from ampm.sensors.kalman import Kalman
 from ampm.sensors.soles import SoleForces
-from ampm.walk import State, Touch
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
 from tests.test_tick import frames

@@ -7,9 +7,9 @@ import pytest
 
 import ampm
 import validation as val
+from ampm import BodilyRefusal, InputError, TablePlanner
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
-from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import GRAVITY
 from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPlan, PlanConstants
@@ -17,7 +17,6 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
 from ampm.planner.table import repeats, table_motion
-from ampm.planners import TablePlanner
 from tests.solved import body_of, walk_of
 from validation.store.tables import plan_table, sample_times, write_columns
 from validation.trial.plan import Request, plan_walk

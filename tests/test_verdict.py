@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ampm.presets import preset_names
-from ampm.run_file import dump_run, load_run
+from ampm import dump_run, load_run, preset_names
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import compare

@@ -7,11 +7,9 @@ import pytest
 
 import ampm
 import validation as val
+from ampm import Footstep, FootstepPlanner, RunParameters
 from ampm.body.walk_motion import _follow
-from ampm.parameters import RunParameters
 from ampm.planner import routes
-from ampm.planner.contacts import Footstep
-from ampm.planners import FootstepPlanner
 from tests.test_bodies import run_of
 from tests.test_body_files import TOML, write
 from tests.walk import assert_follows
