@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any, NamedTuple
 
-from ampm import Replanner, RunParameters, WalkPlan, load_run
+from ampm import PeriodicPlanner, Replanner, RunParameters, WalkPlan, load_run
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.body.orbit import solve_motion
 from ampm.body.robot import Robot
@@ -45,6 +45,16 @@ class Walk(NamedTuple):
     run: RunParameters
     plan: StepPlan
     robot: Robot
+
+
+class Changed:
+    """A planner of a user's own: ours with other keys, its plan changed by a function."""
+
+    def __init__(self, change=lambda plan: plan, **keys):
+        self.change, self.keys = change, {f"gait.{name}": value for name, value in keys.items()}
+
+    def plan(self, run, robot):
+        return self.change(PeriodicPlanner().plan(run.replace(self.keys), robot))
 
 
 @cache

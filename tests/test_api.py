@@ -11,7 +11,8 @@ import pytest
 import ampm
 import validation as val
 from ampm import ControlOutput, InputError
-from ampm.planners import PeriodicPlanner, StandingPlanner
+from ampm.planners import StandingPlanner
+from tests.solved import Changed
 from validation.cli.app import call
 
 RUN: dict[str, dict[str, Any]] = {"gait": {"steps": 2}, "solver": {"ik_time_step": 0.01}}
@@ -70,52 +71,14 @@ class Standing:
         return StandingPlanner().plan(run, robot)
 
 
-class Changing:
-    """A planner that makes its walk one without a plan, once it walks."""
-
-    def plan(self, run, robot):
-        self.made = PeriodicPlanner().plan(run, robot)
-        return self.made
-
-    def replan(self, time, state, touch, plan):
-        object.__setattr__(self.made, "command", ampm.load_run("normal").command)
-
-
-class Claiming:
-    """A planner whose contacts say themselves how many steps they have."""
-
-    def plan(self, run, robot):
-        plan = PeriodicPlanner().plan(run.replace({"gait.steps": 1}), robot)
-        contacts = plan.contacts
-        return replace(plan, contacts=Many(contacts.footsteps, contacts.switches, contacts.slope))
-
-
-class Many(ampm.Contacts):
-    @property
-    def steps(self):
-        return 99
-
-
-class Counting:
-    """A planner of one step, whatever is asked."""
-
-    gait_keys = ()
-
-    def plan(self, run, robot):
-        return PeriodicPlanner().plan(run.replace({"gait.steps": 1}), robot)
-
-
-class Slack:
+def slack(change):
     """A planner whose posture gives what is not a state of the body."""
 
-    def __init__(self, change):
-        self.change = change
-
-    def plan(self, run, robot):
-        plan = PeriodicPlanner().plan(run, robot)
-        sample = plan.posture.sample
-        posture: Any = SimpleNamespace(sample=lambda times: self.change(sample(times)))
+    def with_posture(plan):
+        posture: Any = SimpleNamespace(sample=lambda times: change(plan.posture.sample(times)))
         return replace(plan, posture=posture)
+
+    return Changed(with_posture)
 
 
 class Late:

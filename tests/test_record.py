@@ -9,13 +9,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import validation as val
 from ampm.exceptions import InputError
 from tests.records import first_difference, same_bits, stored
 from tests.saved_run import described, make_run
 from tests.solved import body_of, simulated
-from validation.run.replay import replay
 from validation.store.record import CONSTANTS, RECORD_FILES, load_record, save_record
-from validation.store.saved import load_saved_run
 from validation.trial.record import state_steps
 
 FINE = "simulation.time_step=0.0005"
@@ -95,14 +94,17 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(("name", "change", "words"), CHANGES.values(), ids=CHANGES)
-def test_a_folder_that_was_changed_is_neither_read_nor_replayed(folder, tmp_path, name, change, words):
+def test_a_changed_folder_is_neither_read_nor_replayed_nor_viewed(
+    folder, tmp_path, ampm, name, change, words
+):
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     change(copy / name)
-    for use in (replay, load_saved_run):
+    for use in (val.replay, val.load):
         with pytest.raises(InputError, match=words) as caught:
             use(copy)
         assert name in str(caught.value)
+    assert ampm("view", copy, "--save", tmp_path / "a.rrd").status == 2
 
 
 @pytest.mark.parametrize(

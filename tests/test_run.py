@@ -91,13 +91,3 @@ def test_ctrl_c_keeps_what_was_walked(tmp_path):
     assert (summary["outcome"], summary["verdict"]) == ("interrupted", "not_measured")
     assert load_record(out).steps in (500, 501)
     assert call(["replay", str(out)]) == Status.PASS
-
-
-def test_ctrl_c_before_the_walk_leaves_nothing(ampm, tmp_path, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("validation.run.validate.plan_walk", interrupt)
-    answer = ampm("validate", "normal", "--out", tmp_path / "run")
-    assert (answer.status, answer.out, answer.err) == (Status.INTERRUPTED, "", "ampm: interrupted\n")
-    assert not list(tmp_path.iterdir())

@@ -53,24 +53,17 @@ class Naive:
         return State(readings.time, q, v), Touch(readings.contact, readings.force)
 
 
-class Wrong(Naive):
-    """Returns no touch."""
-
-    def update(self, readings, commanded):
-        return super().update(readings, commanded)[0], None
-
-
 class Odd(Naive):
-    """Gives a touch or a state that no controller can use."""
+    """Gives a state or a touch that no controller can use, or none."""
 
-    def __init__(self, robot, run, start, factor=1.0, velocities=None, **touch):
+    def __init__(self, robot, run, start, factor=1.0, velocities=None, lost=False, **touch):
         super().__init__(robot, run, start)
-        self.factor, self.velocities, self.touch = factor, velocities, touch
+        self.factor, self.velocities, self.lost, self.touch = factor, velocities, lost, touch
 
     def update(self, readings, commanded):
         state, touch = super().update(readings, commanded)
         state = state._replace(q=self.factor * state.q, v=state.v[: self.velocities])
-        return state, touch._replace(**self.touch)
+        return state, None if self.lost else touch._replace(**self.touch)
 
 
 class Mine(Kalman):

@@ -86,13 +86,6 @@ def test_samples_on_a_slope_are_those_of_the_plan(plans, left_out):
         sampled_plan(other, times, com=sample.com, **given)
 
 
-class Level:
-    """A planner that does not look at the run's slope."""
-
-    def plan(self, run, robot):
-        return ampm.PeriodicPlanner().plan(run.replace({"gait.slope": 0.0}), robot)
-
-
 def test_the_zmp_is_measured_on_an_unknown_slope():
     trial = val.walk(sloping(0.0, disturbance={"slope_along": 0.02}))
     measured = trial.measured
