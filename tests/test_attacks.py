@@ -14,7 +14,6 @@ from ampm.exceptions import InputError
 from ampm.files import read_text
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
-from tests.solved import simulated
 from tests.test_cli import PROGRAM
 from tests.test_fuzz import LOG, PLAN
 from validation.measure.log import read_log
@@ -29,15 +28,6 @@ def test_an_error_without_words_is_told():
 
     with pytest.raises(UsersError, match=r"the controller .*Silent failed"), UsersCode("controller", Silent):
         raise Silent
-
-
-def test_nothing_changes_the_model_in_a_walk():
-    class Grip:
-        def apply(self, time, plant):
-            plant._model.geom_friction[:, 0] = 1.0
-
-    with pytest.raises(InputError, match="a user's class changed the simulated model in the walk"):
-        simulated(disturbances=[Grip()], steps=1)
 
 
 def test_a_planner_of_a_user_does_not_get_the_name_of_ours():

@@ -109,8 +109,8 @@ USES = {
 
 
 def evaluate(module):
-    """Evaluate an expression with the names of a module."""
-    return lambda text, _: eval(text, dict(vars(import_module(module))))
+    """Evaluate an expression with the names of a module, and ``folder``."""
+    return lambda text, folder: eval(text, {**vars(import_module(module)), "folder": folder})
 
 
 USES |= {row["how"]: evaluate(row["how"]) for row in ROWS if "." in row["how"]}

@@ -135,10 +135,3 @@ def test_the_torque_goes_on_with_its_rate_within_the_limits():
     since = np.array([0.0, 1.0, 2.0, 3.0] * 2)[:, None] * 0.0005  # since the tick [s]
     np.testing.assert_allclose(above, np.minimum(1e3 * since, room), rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(above_limits(None)[0], 0.0, rtol=0.0, atol=1e-9)
-
-
-def test_between_ticks_a_slope_halves_the_error(run_of):
-    folders = run_of("normal", {"controller.hold": "zero-order"}), run_of()
-    held, carried_on = (val.load(folder).summary["metrics"] for folder in folders)
-    for name in ("zmp_x_rmse", "zmp_y_rmse"):
-        assert carried_on[name]["value"] < 0.6 * held[name]["value"]

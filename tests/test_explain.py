@@ -10,10 +10,8 @@ import validation as val
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import KEYS, OPTION_TABLES, SECTIONS
 from ampm.planner import routes
-from tests.saved_run import make_run
 from validation.study.explain import CHANGES, Case, answer, possible
 from validation.trial.files import RunFile
-from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.plan import load_request
 
 QUICK = ("simulation.time_step=2e-3", "gait.steps=2")
@@ -125,13 +123,6 @@ def test_late_sensing_is_named_and_written(tmp_path):
     assert json.loads((tmp_path / "out" / RunFile.EXPLANATION).read_text()) == found.as_dict()
     (table,) = found.tables()
     assert [cells[2] for cells in table.rows[:2]] == ["FAIL", "pass"]
-
-
-def test_a_walk_that_a_class_ended_has_no_layer_to_blame(tmp_path):
-    end = Outcome(OutcomeName.CRASHED, 1.0, "the disturbance Mine failed (ValueError: no)", 1)
-    folder = make_run(tmp_path / "run", outcome=end)
-    with pytest.raises(InputError, match=r"cannot be explained\. .* the disturbance Mine failed"):
-        val.explain(folder)
 
 
 @pytest.mark.slow

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ampm import load_run, preset_names
+from ampm import load_run
 from ampm.description import SoleGeometry
-from ampm.geometry import convex_hull, hull_distance, polygon_margin
+from ampm.geometry import convex_hull, hull_distance
 from ampm.parameters import FootParameters
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import plan_steps
-from models.human import sole_geometry
 
 SOLE = SoleGeometry(-0.1, 0.09, 0.16, 0.03, 0.04, 0.035, -0.035, 0.066)
 SCHEDULES = {
@@ -33,14 +32,6 @@ def gait(**values):
 
 def planned(foot, **values):
     return plan_steps(gait(**values), 60.0, foot, SOLE)
-
-
-@pytest.mark.parametrize("name", preset_names())
-def test_soles_stay_over_the_floor(name):
-    run = load_run(name, ["gait.steps=4"])
-    plan = plan_steps(run.gait, 60.0, run.foot, sole_geometry(run.body.height))
-    for foot in plan.feet.sample(np.linspace(0.0, plan.duration, 20001)):
-        assert foot.sole_points[..., 2].min() > -1e-12
 
 
 def feet_of(**change):
@@ -77,12 +68,3 @@ def test_hull_distance_against_the_hull(points, query):
     nearest = np.hypot(*(q - hull - along[:, None] * edges).T).min()
     expected = signed.min() if signed.min() >= 0.0 else -nearest
     assert hull_distance(array[None], q[None])[0] == pytest.approx(expected, abs=1e-9)
-
-
-def test_polygon_margin_of_known_shapes():
-    square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [1.0, 1.0]])
-    queries = np.array([[1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [3.0, 3.0], [1.0, -0.5], [np.nan, 1.0]])
-    points = np.broadcast_to(square, (len(queries), 5, 2))
-    active = np.ones((len(queries), 5), dtype=bool)
-    expected = [0.5, 1.0, 0.0, -np.sqrt(2.0), -0.5, np.nan]
-    np.testing.assert_allclose(polygon_margin(points, active, queries), expected, rtol=0.0, atol=1e-12)

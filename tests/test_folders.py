@@ -103,17 +103,6 @@ def test_what_is_of_another_kind_is_never_replaced(target, files, force, known, 
     assert (target / files[-1]).read_text() == "mine"
 
 
-@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody can write")
-def test_a_place_that_cannot_be_written_is_refused():
-    with (
-        pytest.raises(InputError, match="cannot be written"),
-        run_folder(Path("/proc/ampm/run"), force=False),
-    ):
-        pass
-    with pytest.raises(InputError, match="cannot be written"), output_file(Path("/proc/ampm/run.csv")):
-        pass
-
-
 def test_a_file_appears_whole(tmp_path):
     target = tmp_path / "motion.parquet"
     target.write_text("old")

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 import ampm
-import validation as val
 from ampm import Footstep, TablePlanner
 from tests.solved import COARSE, planned_walk, walk_of
 from validation.store.tables import plan_table, sample_times
-from validation.trial.users import load_planner
 
 in_turn = ampm.Contacts.in_turn
 NOW = 0.8
@@ -147,15 +145,3 @@ class Moved:
     def evaluate(self, time):
         state = self.law.evaluate(time)
         return state._replace(**{self.name: getattr(state, self.name) + self.by * np.ones_like(time)})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("force", [(200.0, 0.0), (-200.0, 0.0), (0.0, 150.0), (0.0, -100.0)])
-@pytest.mark.parametrize("name", ["mpc:Mpc", "capture:Capture", "hlip:Deadbeat"])
-@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP
-def test_planners_that_replan_survive_pushes(name, force):
-    planner = load_planner(f"examples.planners.{name}")
-    run = ampm.load_run("normal", gait={"steps": 10}, simulation={"time_step": 0.002})
-    push = val.Push("chest", (*force, 0.0), at=2.3, duration=0.1)
-    outcome = val.walk(run, planner=planner, disturbances=[push]).record.outcome
-    assert outcome.completed, outcome.cause

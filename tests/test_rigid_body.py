@@ -1,7 +1,5 @@
 """Steps of a configuration, linear systems, refused bodies; test_tick holds the rest to Pinocchio."""
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -65,11 +63,3 @@ def test_hinges_respond_to_the_root_as_the_mass_matrix_says(robot):
     matrix = pin.crba(robot.model, robot.model.createData(), q)
     matrix = np.triu(matrix) + np.triu(matrix, 1).T
     np.testing.assert_allclose(matrix[6:, 6:] @ rate + matrix[6:, :6] @ v[:6], 0.0, atol=1e-9)
-
-
-def test_names_that_the_model_lacks_are_refused(robot):
-    legs = robot.description.left_leg
-    for change in ({"knee": "no_such_knee"}, {"sole_frame": "no_such_sole"}):
-        wrong = replace(robot.description, left_leg=replace(legs, **change))
-        with pytest.raises(InputError, match=next(iter(change.values()))):
-            Robot(robot.model, wrong, robot.shapes)

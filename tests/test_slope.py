@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import ampm
-import validation as val
 from ampm.planner import routes
 from ampm.planner.newton import check_newton
 from ampm.planner.sampled import sampled_plan
@@ -84,11 +83,3 @@ def test_samples_on_a_slope_are_those_of_the_plan(plans, left_out):
     other = replace(plans[1], phases=(), contacts=replace(plans[1].contacts, slope=(0.01, 0.0)))
     with pytest.raises(ampm.InputError, match="{:g} and {:g} fit best".format(*plans[1].contacts.slope)):
         sampled_plan(other, times, com=sample.com, **given)
-
-
-def test_the_zmp_is_measured_on_an_unknown_slope():
-    trial = val.walk(sloping(0.0, disturbance={"slope_along": 0.02}))
-    measured = trial.measured
-    last = measured.floor[-1]
-    assert last == pytest.approx(0.02 * (measured.zmp[-1, 0] - 0.3), abs=0.01)
-    assert trial.metrics["zmp_x_rmse"].value < 0.015

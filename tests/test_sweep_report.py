@@ -8,7 +8,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from ampm.exceptions import InputError
 from tests.sweep_table import make_table, replaced, sweep_of, write_sweep
 from tests.test_report import Page
 from validation.cli.app import call
@@ -144,13 +143,6 @@ def test_text_is_escaped(html):
     table = replaced(make_table(40), "cause", ["<img src=x onerror=alert(1)>"] * 40)
     assert "<img src=x" not in render(sweep_of(table))
     assert "a &lt;/script&gt; broke" in html
-
-
-def test_tables_that_are_of_no_sweep(tmp_path):
-    (tmp_path / "sweep.toml").touch()
-    pq.write_table(pa.table({"a": [1]}), tmp_path / "results.parquet")
-    with pytest.raises(InputError, match="not a table of a sweep"):
-        read_sweep(tmp_path)
 
 
 def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero():
