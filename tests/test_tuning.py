@@ -30,21 +30,13 @@ from validation.study.sweep.run import walk_run
 from validation.trial.plan import Request, make_body, plan_walk
 
 HUMAN_94 = (
-    "gait.step_length=0.721",
-    "gait.switching_velocity=0.694",
-    "gait.c_y=0.404",
-    "gait.c_s=0.588",
-    "body.height=1.764",
-    "body.mass=87.798",
+    "gait.step_length=0.721 gait.switching_velocity=0.694 gait.c_y=0.404 gait.c_s=0.588 "
+    "body.height=1.764 body.mass=87.798"
 )
 """A gait without a periodic step from the first guess."""
 HUMAN_1 = (
-    "gait.step_length=0.568",
-    "gait.switching_velocity=0.431",
-    "gait.c_y=0.083",
-    "gait.c_s=1.289",
-    "body.height=1.636",
-    "body.mass=90.361",
+    "gait.step_length=0.568 gait.switching_velocity=0.431 gait.c_y=0.083 gait.c_s=1.289 "
+    "body.height=1.636 body.mass=90.361"
 )
 """A gait without a periodic step from any start."""
 LONG = ("gait.step_length=0.7", "gait.switching_velocity=1.2", "gait.steps=3")
@@ -160,13 +152,13 @@ def test_torques_give_the_accelerations_of_the_step_back():
 
 
 def test_a_motion_is_found_where_the_guess_has_none():
-    found = tuned(*HUMAN_94, "gait.steps=2")
+    found = tuned(*HUMAN_94.split(), "gait.steps=2")
     assert found.worst() >= 0.0
     assert found.run.replace({}) == found.run  # the values found are within the bounds of their keys
 
 
 def test_starts_are_spread_over_the_ranges_and_always_the_same():
-    run, robot = body_of(*HUMAN_94)
+    run, robot = body_of(*HUMAN_94.split())
     space = FreeChoices(run, run.given, robot.description)
     guess = np.array([space.guess()[name] for name in space.names])
     starts = space.spread(guess, 8)
@@ -177,7 +169,7 @@ def test_starts_are_spread_over_the_ranges_and_always_the_same():
 
 
 def test_starts_end_early_where_none_has_a_periodic_step():
-    run, robot = body_of(*HUMAN_1)
+    run, robot = body_of(*HUMAN_1.split())
     with pytest.raises(NoFeasibleChoice) as refusal:
         tune(run, robot, advise=False)
     assert (refusal.value.reason, refusal.value.tried) == ("no_periodic_motion", 5 + 32)  # of 64 starts
@@ -223,7 +215,7 @@ def test_a_gait_of_too_short_steps_is_refused_at_once():
         "gait.step_length=0.5 gait.c_y=0.08",
         "body.height=1.5 body.mass=47.0",
         "body.height=1.9",
-        " ".join(HUMAN_94),
+        HUMAN_94,
     ],
 )
 def test_tuned_gaits_walk(settings):
@@ -311,15 +303,12 @@ def test_a_refusal_tells_ways_out_that_are_accepted(settings, limit, way_out):
 
 @pytest.mark.slow
 def test_a_search_that_just_finds_nothing_goes_on(monkeypatch):
-    gait = {  # rounded, it is refused on some processors
-        "gait.step_length": 0.6375269117865057,
-        "gait.switching_velocity": 0.7646006060884595,
-        "gait.c_y": 0.5410677223484168,
-        "gait.c_s": 1.7144369547596943,
-        "body.height": 1.8739174871008115,
-        "body.mass": 60.11068134594015,
-    }
-    run, robot = body_of(*(f"{key}={value}" for key, value in gait.items()))
+    gait = (  # rounded, it is refused on some processors
+        "gait.step_length=0.6375269117865057 gait.switching_velocity=0.7646006060884595 "
+        "gait.c_y=0.5410677223484168 gait.c_s=1.7144369547596943 "
+        "body.height=1.8739174871008115 body.mass=60.11068134594015"
+    )
+    run, robot = body_of(*gait.split())
     assert tune(run, robot).worst() >= 0.0
     monkeypatch.setattr(tuning, "_TO_FINISH", 1)
     with pytest.raises(NoFeasibleChoice):

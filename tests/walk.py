@@ -50,6 +50,8 @@ def perfect_walk(steps=4, count=None):
     places = np.concatenate([left.sole_points, right.sole_points], axis=1)
     momentum = np.column_stack([sample.angular_momentum, 0.5 * np.sin(3 * time)])
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
+    known = {"mass": MASS, "gravity": 9.81, "time_step": dt}
+    feet = np.stack([left.position, right.position], axis=1)
     record = blank(
         k,
         point_force=force,
@@ -59,45 +61,36 @@ def perfect_walk(steps=4, count=None):
         point_group=np.tile(np.repeat([0, 1, 2], 2), 2),
         com=sample.com,
         angular_momentum=momentum,
-        foot_position=np.stack([left.position, right.position], axis=1),
+        foot_position=feet,
         command_com=sample.com[:k],
         command_zmp=sample.zmp[:k],
         command_force=sample.force[:k],
         command_angular_momentum=momentum[:k],
         outcome=Outcome(name, float(time[-1]), "" if name == "completed" else "The test ended it.", steps),
-        mass=MASS,
-        gravity=9.81,
-        time_step=dt,
         friction=0.8,
         torque_limit=np.array([100.0, 50.0]),
         joint_range=np.array([[-1.0, 2.0], [-2.0, 2.0]]),
         joint_names=("knee", "hip"),
+        **known,
     )
-    rate = np.column_stack([sample.moment[:k], np.zeros(k)])
     foot_force = np.stack([force[:, :6].sum(axis=1), force[:, 6:].sum(axis=1)], axis=1)
     measured = MeasuredGait(
-        time=time[:k].copy(),
+        time=time[:k],
         foot_force=foot_force,
         foot_torque=np.zeros((k, 2, 3)),
-        force=sample.force[:k].copy(),
-        zmp=sample.zmp[:k].copy(),
-        zmp_momentum=sample.zmp[:k].copy(),
         floor=np.zeros(k),
-        com=sample.com[:k].copy(),
-        com_pin=sample.com[:k].copy(),
-        momentum_force=sample.force[:k].copy(),
-        angular_momentum=momentum[:k].copy(),
-        angular_momentum_rate=rate,
+        angular_momentum=momentum[:k],
+        angular_momentum_rate=np.column_stack([sample.moment[:k], np.zeros(k)]),
         foot_contact=foot_force[:, :, 2] > 0,
         point_contact=contact,
-        foot_position=record.foot_position[:k].copy(),
-        slip=np.zeros((k, 2)),
-        penetration=np.zeros((k, 2)),
+        foot_position=feet[:k],
         polygon_margin=np.full(k, 0.01),
-        mass=MASS,
-        gravity=9.81,
-        time_step=dt,
         self_checks=SelfChecks(0.0, 0.0, 0.0, EXACT),
+        **dict.fromkeys(("com", "com_pin"), sample.com[:k]),
+        **dict.fromkeys(("zmp", "zmp_momentum"), sample.zmp[:k]),
+        **dict.fromkeys(("force", "momentum_force"), sample.force[:k]),
+        **dict.fromkeys(("slip", "penetration"), np.zeros((k, 2))),
+        **known,
     )
     return (WalkPlan.of(plan, posture=SimpleNamespace(sample=planned_momentum)), record, measured)
 
@@ -108,16 +101,9 @@ def with_state(measured, com_shift=0.0, force_shift=0.0, moment_shift=0.0, instr
     force = measured.momentum_force + force_shift
     rate = measured.angular_momentum_rate + moment_shift
     zmp = centre_of_pressure(force, rate + np.cross(com, force), 0.0)
-    return replace(
-        measured,
-        com=com,
-        com_pin=com,
-        momentum_force=force,
-        force=force,
-        angular_momentum_rate=rate,
-        zmp_momentum=zmp,
-        zmp=zmp + instrument,
-    )
+    states = {"com": com, "com_pin": com, "force": force, "momentum_force": force}
+    zmps = {"zmp": zmp + instrument, "zmp_momentum": zmp}
+    return replace(measured, angular_momentum_rate=rate, **states, **zmps)
 
 
 def assert_follows(trial: Trial, limit: float) -> None:
