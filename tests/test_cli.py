@@ -1,17 +1,34 @@
-"""The command line as a user meets it: answers, refusals, exit statuses, files."""
+"""The command line as a user meets it: answers, refusals, exit statuses, folders of trials, interruption.
+
+What once passed silently, ran foreign code, hung or crashed is refused in one sentence.
+"""
 
 import errno
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ampm import InputError, SolverError, __version__
+import ampm
+import validation as val
+from ampm import InputError, SolverError, __version__, dump_run, load_run
+from ampm.files import read_text
 from ampm.parameters import KEYS, OPTION_TABLES
-from validation.cli.app import Status
+from ampm.planner.routes import read_footsteps
+from ampm.planner.table import table_motion
+from tests.saved_run import forge, with_column
+from tests.test_fuzz import LOG, PLAN
+from validation.cli.app import Status, call
+from validation.measure.log import read_log
 from validation.show.viewer import viewer_command
+from validation.store.record import load_record
+from validation.trial.files import RunFile
+from validation.trial.plan import Request, plan_walk
+from validation.trial.users import UsersCode, UsersError, read_columns
 
 
 def test_plan_json_has_the_contract(ampm):
@@ -134,13 +151,15 @@ def test_other_errors_have_a_status_of_their_own(ampm, failing, error, status, k
 PROGRAM = Path(sys.executable).with_name("ampm")
 
 
-def script(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, **options)
+def script(command: str, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options):
+    """Run ``ampm`` as its own program."""
+    words = [str(PROGRAM), *command.split()]
+    return subprocess.run(words, stdout=stdout, stderr=stderr, text=True, timeout=120, check=False, **options)
 
 
 def test_console_script():
     assert "Missing command" in script("body").stderr
-    answer = script("validate", "--help", env={**os.environ, "COLUMNS": "200"})
+    answer = script("validate --help", env={**os.environ, "COLUMNS": "200"})
     assert "whether a body with real mass distribution" in answer.stdout  # lines of a paragraph are joined
     assert script("--version").stdout.strip() == f"ampm {__version__}"
 
@@ -176,3 +195,166 @@ def test_ctrl_c_during_an_import(answer):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == Status.INTERRUPTED, done.stderr
     assert done.stderr == "ampm: interrupted\n"
+
+
+STEPS = 2
+SHORT = ("--steps", str(STEPS), "--set", "simulation.time_step=0.002")
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    """A short trial by the command line, with recording and report, and what it printed."""
+    out = tmp_path_factory.mktemp("trial") / "run"
+    return out, script(f"validate normal {' '.join(SHORT)} --out {out} --json")
+
+
+def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked, ampm):
+    out, answer = walked
+    assert answer.returncode == Status.PASS, answer.stderr
+    assert {path.name for path in out.iterdir()} == set(RunFile) - {"explain.json", "external.parquet"}
+    assert "Traceback" not in answer.stderr
+    assert "simulation" in answer.stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert json.loads(answer.stdout) == summary | {"directory": str(out)}
+    assert (summary["outcome"], summary["verdict"], summary["steps_completed"]) == ("completed", "pass", 2)
+    assert summary["timing"]["simulation"] > 0
+    for metric in summary["metrics"].values():
+        assert {"value", "unit", "tolerance", "pass"} <= metric.keys()
+    assert json.loads((out / "environment.json").read_text())["versions"]["mujoco"] == "3.17.0"
+    assert dump_run(load_run(out / "run.toml")) == (out / "run.toml").read_text()
+    assert load_run(out / "run.toml").gait.steps == STEPS
+    assert "report.html" not in ampm("judge", out).out  # which it does not write
+
+
+def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch):
+    """Also where the physics blows up."""
+
+    def change(values):
+        values[51:] = 1e30
+        return values
+
+    def of_a_joint(table):
+        name = next(name for name in table.column_names if name.startswith("torque_"))
+        return with_column(table, name, change)
+
+    changed = forge(walked[0], tmp_path / "changed", RunFile.TICKS, of_a_joint)
+    monkeypatch.chdir(tmp_path)
+    assert call(["replay", str(changed)]) == Status.OUT_OF_TOLERANCE
+    printed = capfd.readouterr()
+    assert "signals.parquet differs first, at 0.102 s" in printed.out  # the forces of the step itself
+    assert "WARNING" not in printed.out + printed.err
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+INTERRUPTED = """
+import os, signal, sys
+import validation.run.walk as trial
+from validation.cli.entry import main
+
+def at_step_500(*args, progress, **options):
+    def advance(done, total):
+        if done == 500:
+            os.kill(os.getpid(), signal.SIGINT)
+        progress(done, total)
+    return original(*args, progress=advance, **options)
+
+original, trial.simulate = trial.simulate, at_step_500
+main()
+"""
+
+
+def test_ctrl_c_keeps_what_was_walked(tmp_path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-c", INTERRUPTED, "validate", "normal", *SHORT, "--out", str(out)]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert answer.returncode == Status.INTERRUPTED, answer.stderr
+    assert "Traceback" not in answer.stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["outcome"], summary["verdict"]) == ("interrupted", "not_measured")
+    assert load_record(out).steps in (500, 501)
+    assert call(["replay", str(out)]) == Status.PASS
+
+
+def test_an_error_without_words_is_told():
+    class Silent(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    with pytest.raises(UsersError, match=r"the controller .*Silent failed"), UsersCode("controller", Silent):
+        raise Silent
+
+
+def test_a_planner_of_a_user_does_not_get_the_name_of_ours():
+    named = type("ampm", (ampm.PeriodicPlanner,), {"__module__": "mine"})
+    run = ampm.load_run("normal", gait={"steps": 2})
+    assert plan_walk(Request("normal", run), planner=named("dcm")).planner == "mine:<object of ampm>"
+
+
+def columns_of(text, statement):
+    """Columns of a table, changed by a statement on them."""
+    names, *rows = [line.split(",") for line in text.splitlines()]
+    cells = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
+    columns = {name: cell if name == "stance" else cell.astype(float) for name, cell in cells.items()}
+    exec(statement, {"np": np}, columns)
+    return columns
+
+
+def log(statement):
+    return read_log(columns_of(LOG, statement), 588.6)
+
+
+def plan(statement):
+    return table_motion(columns_of(PLAN, statement))
+
+
+def test_the_tables_that_are_changed_are_read():
+    log("com_y = com_y + 1e-3")
+    flight = log("force_z[5:11] = 0.0; zmp_x[5:11] = np.nan")
+    assert (flight.time.size, flight.gaps, "zmp" in flight.signals) == (40, (), True)  # nothing carries there
+    plan("")
+
+
+def test_only_regular_files_are_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "latin.csv").write_bytes(b"foot,x\n\xe9,1\n")
+    for read in (read_text, read_columns, read_footsteps, ampm.load_run, val.load_uncertainty):
+        with pytest.raises(InputError, match="is not a regular file"):
+            read(tmp_path / "pipe.csv")
+    for read in (read_columns, read_footsteps):
+        with pytest.raises(InputError, match="byte 0xe9 in line 2; save"):
+            read(tmp_path / "latin.csv")
+
+
+@pytest.mark.parametrize("command", ["report .", "compare . .", "view . --save a.rrd"])
+def test_the_results_of_a_sweep_are_read_without_its_code(command, ampm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.toml").write_text(
+        'set.gait.planner = "own_code:Planner"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8, 1.0]\n'
+    )
+    Path("own_code.py").write_text("open('imported', 'w').close()\n")
+    assert ampm(*command.split()).status == 2
+    assert not Path("imported").exists()
+
+
+def test_a_full_disk_behind_standard_output():
+    with open("/dev/full", "w") as full:
+        answer = script("keys gait.steps --json", stdout=full)
+        assert answer.returncode == 5
+        assert answer.stderr.count("\n") == 1
+        assert "the disk is full" in answer.stderr
+        assert script("plan nope", stderr=full).returncode == 2
+
+
+def test_users_print_to_standard_error(tmp_path):
+    (tmp_path / "loud.py").write_text("import os\nprint('python')\nos.write(1, b'descriptor\\n')\n")
+    command = "plan normal --set gait.planner=loud:None --json"
+    answer = script(command, cwd=tmp_path)
+    assert json.loads(answer.stdout)["error"]["kind"] == "input"
+    assert "python" in answer.stderr
+    assert "descriptor" in answer.stderr
+
+
+def test_a_name_of_a_renderer_that_there_is_not_is_no_crash():
+    answer = script("body check human", env={**os.environ, "MUJOCO_GL": "nonsense"})
+    assert answer.returncode == 2
+    assert "MUJOCO_GL" in answer.stderr

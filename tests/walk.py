@@ -50,7 +50,11 @@ def perfect_walk(steps=4, count=None):
     places = np.concatenate([left.sole_points, right.sole_points], axis=1)
     momentum = np.column_stack([sample.angular_momentum, 0.5 * np.sin(3 * time)])
     name = OutcomeName.COMPLETED if k == whole else OutcomeName.FELL
-    known = {"mass": MASS, "gravity": 9.81, "time_step": dt}
+    known: dict[str, Any] = {"mass": MASS, "gravity": 9.81, "time_step": dt}
+    twice: dict[str, Any] = dict.fromkeys(("com", "com_pin"), sample.com[:k])
+    twice |= dict.fromkeys(("zmp", "zmp_momentum"), sample.zmp[:k])
+    twice |= dict.fromkeys(("force", "momentum_force"), sample.force[:k])
+    twice |= dict.fromkeys(("slip", "penetration"), np.zeros((k, 2)))
     feet = np.stack([left.position, right.position], axis=1)
     record = blank(
         k,
@@ -86,10 +90,7 @@ def perfect_walk(steps=4, count=None):
         foot_position=feet[:k],
         polygon_margin=np.full(k, 0.01),
         self_checks=SelfChecks(0.0, 0.0, 0.0, EXACT),
-        **dict.fromkeys(("com", "com_pin"), sample.com[:k]),
-        **dict.fromkeys(("zmp", "zmp_momentum"), sample.zmp[:k]),
-        **dict.fromkeys(("force", "momentum_force"), sample.force[:k]),
-        **dict.fromkeys(("slip", "penetration"), np.zeros((k, 2))),
+        **twice,
         **known,
     )
     return (WalkPlan.of(plan, posture=SimpleNamespace(sample=planned_momentum)), record, measured)
