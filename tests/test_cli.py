@@ -21,7 +21,7 @@ from ampm.parameters import KEYS, OPTION_TABLES
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
 from tests.saved_run import forge, with_column
-from tests.test_fuzz import LOG, PLAN
+from tests.test_bad_input import LOG, PLAN
 from validation.cli.app import Status, call
 from validation.measure.log import read_log
 from validation.show.viewer import viewer_command

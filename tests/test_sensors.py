@@ -258,12 +258,13 @@ def test_sole_forces_give_the_wrench_again_and_push_only(toes):
     assert not SoleForces(robot, run).update(q, 0.1 * wrench / wrench[:, 2:3])[1].any()
 
 
-def test_the_angles_of_the_imu_are_found_and_cost_nothing():
-    sensors = {"imu_angle_bias": 0.01, "seed": 11, **NOISE}
+def test_angles_and_biases_of_the_imu_are_found_and_cost_nothing():
+    sensors = {"imu_angle_bias": 0.01, "gyro_bias": 1e-3, "seed": 11, **NOISE}
     trial = walked(estimator="tests.test_sensors:Mine", **sensors)
     assert trial.verdict.passed, trial.verdict.reason
     f = Mine.made[-1].filter
     np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
+    assert np.abs(np.abs(f.x[GYRO:ACCELEROMETER][:2]) - 1e-3).max() < 0.7e-3
 
 
 def test_wrenches_tell_where_the_com_is_over_the_foot(monkeypatch):
@@ -363,13 +364,6 @@ def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_i
     assert fixed.verdict.profile == "default"
     assert fixed.metrics["drift_per_step"].value < 0.15e-3
     assert fixed.verdict.passed, fixed.verdict.reason
-
-
-def test_biases_of_the_imu_are_found():
-    sensors = {"estimator": "tests.test_sensors:Mine", "gyro_bias": 1e-3, "seed": 1, **NOISE}
-    walked(**sensors)
-    found = Mine.made[-1].filter.x[GYRO:ACCELEROMETER]
-    assert np.abs(np.abs(found[:2]) - 1e-3).max() < 0.7e-3
 
 
 def test_the_zmp_from_the_standing_foot_does_not_depend_on_where_the_walk_is():
