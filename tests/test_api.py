@@ -10,7 +10,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm import ControlOutput, InputError
 from ampm.planners import StandingPlanner
 from tests.solved import Changed
 from validation.cli.app import call
@@ -33,7 +32,7 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert trial.timing.keys() >= {"planning", "simulation", "measurement", "real_time_factor"}
     assert trial.summary["gait"] == "pushed"
     folder = pickle.loads(pickle.dumps(trial)).save(tmp_path / "run", recording=False)
-    with pytest.raises(InputError, match="--force"):
+    with pytest.raises(ampm.InputError, match="--force"):
         trial.save(folder)
     saved = val.load(folder)
     assert saved.summary["disturbances"] == ["push of (20, 0, 0) N on chest from 0.5 s for 0.1 s"]
@@ -90,7 +89,7 @@ class Late:
     def update(self, state, touch, reference):
         if state.time > 0.05:
             raise KeyError("late")
-        return ControlOutput(self.torque)
+        return ampm.ControlOutput(self.torque)
 
 
 @pytest.mark.parametrize("package", [ampm, val])

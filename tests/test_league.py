@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ampm
-from ampm import InputError, load_run
 from ampm.planner import routes
 from ampm.planner.newton import check_newton
 from examples.planners.alip import Alip, wanted_step
@@ -154,8 +153,8 @@ def test_a_deviation_ends_over_the_moved_footsteps(kind):
 @pytest.mark.parametrize("name", ["league", "league-quick"])
 def test_all_tasks_of_the_human_have_its_body_and_its_controller(name):
     try:
-        definition, normal = load_sweep(LEAGUE / f"{name}.toml"), load_run("normal")
-    except InputError as error:  # the G1 is in a package
+        definition, normal = load_sweep(LEAGUE / f"{name}.toml"), ampm.load_run("normal")
+    except ampm.InputError as error:  # the G1 is in a package
         pytest.skip(str(error))
     tasks = {path.name for path in LEAGUE.glob("*.toml")} - {"league.toml", "league-quick.toml"}
     assert set(definition.gaits) - {"normal"} <= tasks

@@ -8,7 +8,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm import Footstep, TablePlanner
 from ampm.planner.newton import check_newton
 from tests.solved import COARSE, planned_walk, walk_of
 from validation.store.tables import plan_table, sample_times
@@ -63,7 +62,7 @@ def test_contacts_in_turn_are_those_of_the_plans(walk):
 
 def test_samples_and_their_table_make_the_same_plan(walk):
     table = plan_table(walk, sample_times(walk.duration, 200.0))
-    of_table = TablePlanner(table).plan(walk_of(COARSE).run, walk_of(COARSE).robot)
+    of_table = ampm.TablePlanner(table).plan(walk_of(COARSE).run, walk_of(COARSE).robot)
     vectors = {
         name: np.column_stack([table[f"{name}_{axis}"] for axis in axes])
         for name, axes in (("com", "xyz"), ("zmp", "xy"), ("com_acceleration", "xy"))
@@ -137,7 +136,7 @@ def test_arrays_are_copied_and_read_only(walk):
         found.phases[0].x.zmp[0] = 0.0
 
 
-STEPS = [Footstep("right" if k % 2 else "left", (0.3 * k, 0.1 * (-1.0) ** k, 0.0)) for k in range(4)]
+STEPS = [ampm.Footstep("right" if k % 2 else "left", (0.3 * k, 0.1 * (-1.0) ** k, 0.0)) for k in range(4)]
 TIMES = [0.0, 0.5, 0.6, 1.1, 1.2]
 
 

@@ -16,7 +16,7 @@ from ampm.planner.heights import Ground
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, reference_zmp
 from ampm.planner.step_planners import step_axes as axes_of
-from tests import properties, test_feet, test_footstep_walk, test_footsteps, test_heights
+from tests import properties, test_footstep_walk, test_footsteps, test_gait, test_heights
 from tests.properties import inside
 from tests.solved import body_of
 
@@ -76,7 +76,7 @@ def test_the_mirror_image_of_footsteps_has_the_mirror_image_of_the_plan(gait, na
 def feet_of(kind, name):
     """Plan with feet, and the floor under it (None: level)."""
     if kind == "schedule":
-        return test_feet.planned(test_feet.SCHEDULES[name]), None
+        return test_gait.planned(test_gait.SCHEDULES[name]), None
     if kind == "height":
         footsteps = test_heights.WALKS[name]
         return test_heights.steps_of(footsteps), Ground.under(footsteps, test_heights.BODY.sole)
@@ -85,7 +85,7 @@ def feet_of(kind, name):
 
 
 FEET = {
-    "schedule": test_feet.SCHEDULES,
+    "schedule": test_gait.SCHEDULES,
     "height": test_heights.WALKS,
     "footsteps": test_footstep_walk.WALKS,
     "early rise": test_footstep_walk.WALKS,
