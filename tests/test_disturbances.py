@@ -173,9 +173,11 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     assert np.abs(sample.com - measured.com[np.isin(judged.time, own)]).max() > 0.02
 
 
-@pytest.mark.parametrize("floor", [-0.01, 0.006])
-def test_a_floor_at_another_height_is_found_by_the_feet(floor):
-    record = walk_over("gait.steps=9", f"disturbance.floor_height={floor}")
+@pytest.mark.parametrize(("floor", "step"), [(-0.01, 0.0), (0.006, -0.004)])
+def test_a_floor_at_another_height_is_found_by_the_feet(floor, step):
+    heights = f"disturbance.floor_height={floor}", f"disturbance.step_height={step}"
+    record = walk_over("gait.steps=9", *heights)
+    np.testing.assert_allclose(record.floor, sorted({floor, floor + step}))
     assert record.outcome.completed, record.outcome.cause
     height = record.com[record.time > 2.0, 2].mean()
     loaded = record.point_force[..., 2] > 5.0

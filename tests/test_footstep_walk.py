@@ -16,7 +16,6 @@ from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import plan_steps
 from ampm.planner.swings import plan_swings
 from tests.test_footsteps import BODY, WALKS, turned
-from validation.store.saved import load_saved_run
 from validation.trial.plan import Request, load_request, plan_walk
 
 RUN = ampm.load_run("normal")
@@ -145,7 +144,7 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     assert answer.json["steps_completed"] == 3
     for axis in "xy":  # everything from the first motion on
         assert answer.json["metrics"][f"zmp_{axis}_rmse"]["value"] < 1.5e-3
-    saved = load_saved_run(out)
+    saved = val.load(out)
     assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(path)).footsteps
     walk = saved.plan()
     assert walk is not None

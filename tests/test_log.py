@@ -21,7 +21,6 @@ from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.measure.columns import UNITS
 from validation.run.walk import walk_planned
-from validation.store.saved import load_saved_run
 from validation.store.tables import write_columns
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.users import read_columns
@@ -43,7 +42,7 @@ def summary(folder):
 @pytest.fixture
 def table(folder):
     """What a robot would have told of a run: every fifth row, force and ZMP of both feet, COM, momentum."""
-    signals = load_saved_run(folder).signals
+    signals = val.load(folder).signals
     names = {"time": "time"}
     names |= {f"{name}_{axis}": f"measured_{name}_{axis}" for name in OF_PLAN[1:] for axis in "xyz"}
     names |= {f"zmp_{axis}": f"measured_zmp_{axis}" for axis in "xy"}
@@ -79,7 +78,7 @@ def test_every_row_of_a_run_gives_its_metrics(folder, summary):
     for name in ("friction", "plan_polygon"):
         assert trial.summary["margins"][name] == summary["margins"][name], name
     assert trial.summary["margins"]["torque"]["value"] is None
-    assert trial.record.time[-1] == pytest.approx(load_saved_run(folder).record.time[-1])
+    assert trial.record.time[-1] == pytest.approx(val.load(folder).record.time[-1])
 
 
 def test_start_and_place_are_found_and_said(folder, summary, table):
@@ -137,7 +136,7 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
 
 def test_feet_and_sensors_give_the_same_zmp(folder, table):
     """Centres of pressure of both feet, and wrenches at turned sensors above them."""
-    signals, sides = load_saved_run(folder).signals, ("left", "right")
+    signals, sides = val.load(folder).signals, ("left", "right")
     zmp, vertical = np.column_stack([table["zmp_x"], table["zmp_y"]]), {}
     cop, sensor = {"time": table["time"]}, {"time": table["time"]}
     turn = Rotation.from_euler("xyz", [0.3, -0.2, 1.0])
