@@ -41,6 +41,8 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
     assert not record.external_force[~pushed].any()
     assert not record.external_moment.any()
     assert (walk().external_segments, walk().controller) == ((), "")
+    measured = measure(record, walk_of(COARSE).robot.model)  # left out, the push would move this ZMP by 56 mm
+    np.testing.assert_allclose(measured.zmp, measured.zmp_momentum, rtol=0.0, atol=1e-6)
     gained = (record.com - walk().com)[record.time.searchsorted(0.8)]
     assert gained[1] > 1e-3
     assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None

@@ -7,7 +7,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm import BodilyRefusal, InputError, TablePlanner
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.motion import PeriodicPosture
 from ampm.parameters import GRAVITY
@@ -90,8 +89,8 @@ def test_without_accelerations_the_force_passes_through_the_com():
 def test_a_refusal_of_the_body_names_what_the_table_can_change():
     table = table_of(planned("flat"))
     walk = walk_of("foot.schedule=roll", "foot.heel_rise_lead=0.2")
-    with pytest.raises(BodilyRefusal, match="move the ZMP farther ahead") as refused:
-        TablePlanner(table).plan(walk.run, walk.robot)
+    with pytest.raises(ampm.BodilyRefusal, match="move the ZMP farther ahead") as refused:
+        ampm.TablePlanner(table).plan(walk.run, walk.robot)
     assert "a_s" not in str(refused.value)
 
 
@@ -136,7 +135,7 @@ def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     table["com_x"] = table["com_x"] + 5e-3 * np.exp(-math.sqrt(GRAVITY / plan.com_height) * table["time"])
     assert not repeats(read(table))
     run = ampm.load_run("normal", gait={"steps": STEPS}, simulation={"time_step": 0.002})
-    trial = val.walk(run, planner=TablePlanner(table))
+    trial = val.walk(run, planner=ampm.TablePlanner(table))
     assert isinstance(trial.plan.posture, ConstantPosture)
     assert trial.record.outcome.completed
     assert trial.metrics["zmp_x_rmse"].value < 5e-3
@@ -171,6 +170,6 @@ def test_a_table_may_not_stand_long():
     still["time"] = table["time"][-1] + 0.005 * (1.0 + np.arange(6000))
     longer = {name: np.concatenate([column, still[name]]) for name, column in table.items()}
     run = ampm.load_run("flat")
-    plan_walk(Request("table", run), planner=TablePlanner(table))
-    with pytest.raises(InputError, match=r"takes 3\d.* s, more than 1.5 times the 6.0.* s of its steps"):
-        plan_walk(Request("table", run), planner=TablePlanner(longer))
+    plan_walk(Request("table", run), planner=ampm.TablePlanner(table))
+    with pytest.raises(ampm.InputError, match=r"takes 3\d.* s, more than 1.5 times the 6.0.* s of its steps"):
+        plan_walk(Request("table", run), planner=ampm.TablePlanner(longer))

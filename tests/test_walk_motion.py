@@ -7,7 +7,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm import Footstep, FootstepPlanner, RunParameters
 from ampm.body.walk_motion import _follow
 from ampm.planner import routes
 from tests.test_bodies import run_of
@@ -19,17 +18,17 @@ HUMAN = ampm.load_run("normal", simulation={"time_step": 0.002})
 
 
 @cache
-def gait_of(source: str) -> RunParameters:
+def gait_of(source: str) -> ampm.RunParameters:
     """The gait found for a body."""
     run_of(source)  # skips what is not installed
     request = load_request(None, [f"body.source='{source}'", "simulation.time_step=0.002"])
     return complete(request).run.as_is()
 
 
-def plan(source: str, footsteps: list[Footstep]) -> None:
+def plan(source: str, footsteps: list[ampm.Footstep]) -> None:
     run = HUMAN if source == "human" else gait_of(source)
     run = run.replace({}, footsteps=routes.as_rows(footsteps))
-    FootstepPlanner().plan(run, make_body(run).robot)
+    ampm.FootstepPlanner().plan(run, make_body(run).robot)
 
 
 def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
@@ -52,7 +51,7 @@ def test_after_a_stand_a_leg_gets_straight_and_the_walk_is_accepted(landing) -> 
     rows = [dict(row) for row in routes.as_rows(routes.straight(10, 0.35, 0.2))]
     rows[4]["time"] = landing
     run = HUMAN.replace({}, footsteps=rows)
-    FootstepPlanner().plan(run, make_body(run).robot)
+    ampm.FootstepPlanner().plan(run, make_body(run).robot)
 
 
 def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:
