@@ -99,9 +99,7 @@ def test_every_body_walks_or_is_refused_as_the_table_says(told: dict[str, str]) 
     row = script("bodies").row(told["body"])
     if "is not installed" in row["refused because"]:
         pytest.skip(row["refused because"])
-    same = ["refused because"]
-    if told["body"] != "romeo":  # its hips are at their speed limits: rounding decides whether it passes
-        same += ["result", "tolerances met"]
+    same = ("refused because", "result", "tolerances met")
     assert {key: row[key] for key in same} == {key: told[key] for key in same}
 
 
