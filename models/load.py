@@ -28,6 +28,7 @@ LEG_JOINTS = 6
 _SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _LEAST_BEND = 0.1  # range of a knee [rad]
+_EVEN = 0.2  # most difference of both ways from a straight knee, over its range: less shows none [1]
 _LARGEST_RANGE = 4.0 * math.pi  # of a joint of a leg [rad]: more is in degrees
 _TALLEST = 3.0  # stature, as of body.height [m]
 _DRY = (0.001, 1.0)  # solreffriction: MuJoCo's default makes dry friction viscous at slow rates [s, 1]
@@ -165,9 +166,12 @@ class Writer:
         joint = self.tree.hinges[leg.knee]
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
+            even = abs(joint.low + joint.high - 2.0 * straight) < _EVEN * (joint.high - joint.low)
+            which = "may bend forward and backward" if even else "bends forward"
+            other = "" if even else ", or, if right, exchange left and right in the file"
             raise InputError(
-                f"the knee {joint.name!r} bends forward, with its range of {joint.low:g} to {joint.high:g} "
-                "rad; correct it with [body.range], or, if right, exchange left and right in the file.",
+                f"the knee {joint.name!r} {which}, with its range of {joint.low:g} to {joint.high:g} rad; "
+                f"correct it with [body.range]{other}.",
                 key="body.foot",
             )
         return LegDescription(

@@ -35,6 +35,11 @@ class Findings:
     bare: int = 0  # number of segments without a shape
     unlike: tuple[str, ...] = ()  # values of right joints that were not those of the left
 
+    @property
+    def of_sides(self) -> str:
+        """What right joints got from the left, a sentence; empty if they were alike."""
+        return f"Right joints get the values of the left: {'; '.join(self.unlike)}." if self.unlike else ""
+
 
 @dataclass(frozen=True)
 class BodyModel:

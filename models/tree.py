@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import mujoco
@@ -31,8 +32,12 @@ _FORCES_OF_NO_JOINT = (
     "actuator_damping",
     "actuator_dampingpoly",
     "body_gravcomp",
+    "actuator_dyntype",
+    "opt.density",
+    "opt.viscosity",
+    "opt.wind",
 )
-"""Fields of a source with forces or limits that a body cannot have."""
+"""Fields of a source with forces, limits or delays that a body cannot have."""
 _SAME_GRAVITY = 0.05  # most difference of a model's gravity from that of a walk [m/s^2]
 _BY_JOINT = ("lock", "range", "armature", "effort", "speed", "damping", "stiffness", "friction")
 """Keys of a description with patterns of joints."""
@@ -116,7 +121,7 @@ class Tree:
     def _check_source(self) -> None:
         """Refuse forces, limits and couplings that a body cannot have, and patterns that match nothing."""
         model = self.model
-        if forces := [name for name in _FORCES_OF_NO_JOINT if getattr(model, name).any()]:
+        if forces := [name for name in _FORCES_OF_NO_JOINT if np.any(attrgetter(name)(model))]:
             raise InputError(f"the model has {', '.join(forces)}, which a body cannot have; remove them.")
         gravity = model.opt.gravity
         if gravity.any() and np.abs(gravity - (0.0, 0.0, -GRAVITY)).max() > _SAME_GRAVITY:

@@ -73,6 +73,8 @@ def test_every_row_of_a_run_gives_its_metrics(folder, summary):
     assert known.keys() >= compared - {"zmp_z_rmse", "zmp_z_maximum"}
     assert trial.verdict.passed, trial.verdict.reason
     assert "checks of the measurement were not made" in trial.verdict.reason
+    for profile in ("free", "pushed"):  # which are of other walks
+        assert trial.judged(profile).verdict.name == "not_measured"
     effort = {name: pytest.approx(values, rel=1e-9) for name, values in summary["effort"].items()}
     assert trial.summary["effort"] == effort
     for name in ("friction", "plan_polygon"):
@@ -125,13 +127,34 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     table = {name: values[gone] for name, values in table.items()}
     trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
     assert " steps of " in trial.planned.name  # the log ends before the plan
-    assert any("3 gaps of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
+    assert any("2 gaps of 0.5 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
     assert trial.verdict.name == "partial"
     assert "11.1% of the time is left out" in trial.verdict.reason
-    few = np.r_[0:600, 600 : len(gone) : 4]
+
+
+def test_two_rates_are_no_gaps(folder, table):
+    few = np.r_[0:600, 600 : len(table["time"]) : 4]
     trial = val.judge_log({name: values[few] for name, values in table.items()}, folder, start=0.0)
     assert "Every row counts alike: give a log of one rate if it has several." in trial.table().notes
+    assert trial.verdict.passed, trial.verdict.reason
+
+
+def test_a_momentum_with_gaps_is_partial(folder, table):
+    table["angular_momentum_y"][600:700] = np.nan
+    trial = val.judge_log(table, folder, start=0.0)
+    assert trial.verdict.name == "partial"
+    assert "the angular momentum is empty in 5" in trial.verdict.reason
+
+
+def test_a_log_of_which_a_part_alone_is_like_the_plan_is_partial(folder, table):
+    """Between two parts that walk as planned, 0.7 s are missing, and the clock goes on."""
+    cut = np.r_[0:1100, 1380 : len(table["time"])]
+    broken = {name: values[cut] for name, values in table.items()}
+    broken["time"] = table["time"][: len(cut)]
+    trial = val.judge_log(broken, folder)
+    assert trial.verdict.name == "partial", trial.verdict.reason
+    assert "steps of the log are before or after the part that is like the plan" in trial.verdict.reason
 
 
 def test_feet_and_sensors_give_the_same_zmp(folder, table):

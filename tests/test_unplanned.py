@@ -28,6 +28,7 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     np.testing.assert_allclose(summary["velocity"]["measured"], 0.0, atol=1e-6)
     page = (tmp_path / "run/report.html").read_text()
     assert "Commanded and measured velocity" in page
+    assert "Right joints get the values of the left: right_hip_y low" in page
     assert "error, plan and measurement" not in page
     assert "from the planned" not in page
     assert (tmp_path / "run/recording.rrd").is_file()

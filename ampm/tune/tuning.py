@@ -286,6 +286,8 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
     best = search.best()
     if best.orbit is not None and best.plan is not None:
         margins = best.margins()
+        if any(margin < 0.0 for name, margin in margins.items() if name.endswith("_torque")):
+            margins.pop("hip_time", None)  # which follows from too little torque
         name = min(margins, key=lambda name: margins[name])
         cause = _cause(name, best.plan, best.orbit, search.orbits.robot)
         return broken_limit(name, best.values, tried, cause)

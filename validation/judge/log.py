@@ -12,7 +12,7 @@ from scipy.signal import correlate, find_peaks
 from ampm.exceptions import InputError
 from ampm.geometry import Array, Flags
 from ampm.walk import WalkPlan
-from validation.measure.log import LOADED, PLACES, Log
+from validation.measure.log import HOLE, LOADED, PLACES, Log
 
 PHASES = 200
 """Instants of the mean stride."""
@@ -22,7 +22,6 @@ _CONSTANT = 1e-3  # standard deviation below which a planned signal is constant 
 _LEAST = 0.5  # correlation up to which a start is a guess [1]
 _ALIKE = 0.995  # share of the largest correlation from which strides fit alike [1]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
-_HOLE = 0.03  # longest time without rows that is no gap, as signals vary little in it [s]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 
@@ -142,7 +141,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     clock = stride * np.arange(3 * PHASES) / PHASES
     for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan
         tiled[name][:, 0] += plan.constants.mean_velocity * clock
-    start, correlation = find_start(replace(log, time=clock, signals=tiled), plan)
+    start, correlation = find_start(replace(log, time=clock, signals=tiled, lost=np.zeros(3 * PHASES)), plan)
     signals = {}
     for name, values in mean.items():
         found = interp(times + start, stride * phases, values, period=stride)
@@ -152,12 +151,13 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     variance = curves["force"].var(axis=0, ddof=1 if len(bounds) > 1 else 0) / log.weight**2
     facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
     facts["spread"] = np.sqrt(variance.mean(axis=0)).tolist()
-    return replace(log, time=times, signals=signals, time_step=stride / PHASES), facts
+    lost = np.zeros(PHASES)
+    return replace(log, time=times, signals=signals, lost=lost, time_step=stride / PHASES), facts
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
     """Strides from one instant to the next [s] that a log has without a gap, with a share of them around."""
-    gaps, found = np.flatnonzero(np.diff(log.time) > max(1.5 * log.time_step, _HOLE)), []
+    gaps, found = np.flatnonzero(np.diff(log.time) > max(1.5 * log.time_step, HOLE)), []
     leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
         first, last = begin - margin * (end - begin), end + margin * (end - begin)
@@ -179,6 +179,13 @@ def left_share(log: Log) -> Array:
         right, left = np.nanquantile(log.signals["zmp"][:, 1], (0.1, 0.9))
         share = (log.signals["zmp"][:, 1] - right) / (left - right or math.nan)
     return np.where(vertical >= LOADED * log.weight, share, np.nan)
+
+
+def steps_beside(log: Log, begin: float, end: float) -> int:
+    """How often the load goes from foot to foot before one time [s] and after another."""
+    share = left_share(log)
+    taken = np.concatenate([take_overs(log.time, one) for one in (share, 1.0 - share)])
+    return int(np.count_nonzero((taken < begin) | (taken > end)))
 
 
 def take_overs(time: Array, share: Array) -> Array:

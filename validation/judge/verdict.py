@@ -32,7 +32,7 @@ class VerdictName(StrEnum):
     NOT_MEASURED = "not_measured"
 
 
-_LEFT_OUT = 0.01  # share of a log's time whose gaps a full pass may have [1]
+_LEFT_OUT = 0.01  # share of a log's time or rows whose gaps a full pass may have [1]
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,8 @@ def judge(
             spread over contact laws, is undecided.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
         log: facts of the log if another instrument measured, which may lack signals, a whole step, or
-            ``left_out``, a share of the time: they are named. It checks no measurement by another.
+            ``left_out``, a share of the time, and may take other steps ``beside`` the plan: they are named.
+            It checks no measurement by another.
     """
     is_log = log is not None
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
@@ -201,6 +202,8 @@ def judge(
         ended = f"The profile {profile.name} has no limits."
     if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
         ended = "Nothing pushed the body off a plan: judge it by another profile."
+    if not ended and profile.name == "free" and "velocity_x_error" not in metrics:
+        ended = "The walk has a plan and no commanded velocity: judge it by another profile."
     if ended:
         return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
@@ -248,6 +251,10 @@ def _conclude(
     )
     if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
         lacks.append(f"{left_out:.1%} of the time is left out")
+    if log is not None and (empty := log.get("empty", 0.0)) > _LEFT_OUT:
+        lacks.append(f"the angular momentum is empty in {empty:.1%} of the rows")
+    if log is not None and log.get("beside") and log["steps"] < log["planned_steps"]:
+        lacks.append(f"{log['beside']} steps of the log are before or after the part that is like the plan")
     if log is not None and log.get("steps") == 0:
         lacks.append("no step of the plan is whole")
     if lacks and log is not None and passed and not undecided:

@@ -50,6 +50,8 @@ NEEDED = (
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
 _SLOWEST = 0.05  # most time from row to row [s]
+HOLE = 0.03
+"""Longest time without rows that is no gap, as signals vary little in it [s]."""
 _LONGEST = 3600.0  # longest gap between two rows: a clock that is set later jumps by years [s]
 _OVER = 0.5  # time over which the vertical force is averaged to find a fall [s]
 _CARRIED = 0.85  # least such mean, as a share of the usual one: less is a fall [1]
@@ -76,7 +78,7 @@ class Log(Brief):
     # quantity to array, (K, n), or (K,) of a single column; NaN where not measured; `force` is always there
     signals: Mapping[str, Array]
     time_step: float  # median time from row to row [s]
-    gaps: tuple[float, ...]  # lengths of the gaps [s]
+    lost: Array  # time before each row in which force or ZMP are not known, shape (K,) [s]
     weight: float  # of the body that it is compared with [N]
 
     @property
@@ -93,10 +95,15 @@ class Log(Brief):
             f"over {_OVER:g} s: the body falls, is held, or leaves the plates."
         )
 
+    @property
+    def duration(self) -> float:
+        """Time that its rows stand for, without gaps [s]."""
+        return float(self.time[-1] - self.time[0] - self.lost[1:].sum()) + self.time_step
+
     def rows(self, rows: NDArray[np.bool_]) -> "Log":
         """Some of the rows, (K,)."""
         signals = {name: values[rows] for name, values in self.signals.items()}
-        return replace(self, time=self.time[rows], signals=signals)
+        return replace(self, time=self.time[rows], signals=signals, lost=self.lost[rows])
 
     def moved(self, by: Array) -> "Log":
         """The same with all places moved on the floor, ``by`` (2,) [m]."""
@@ -153,9 +160,11 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
             f"{_FILLED:.0%}; interpolate it to their times, or leave out its columns."
         )
     signals = {key: v for key, v in signals.items() if filled[key] >= _FILLED}
-    apart = np.diff(np.r_[time[0] - step, time[known], time[-1] + step])
-    gaps = tuple((apart[apart > 1.5 * step] - step).tolist())
-    return Log(name, time, signals, step, gaps, weight).rows(known)
+    # Rows that lie farther apart than most are rows of a slower clock, as far as signals vary little between.
+    apart = np.diff(time, prepend=time[0] - step)
+    lost = np.where(known, np.where(apart > max(1.5 * step, HOLE), apart - step, 0.0), apart)
+    lost[known] = np.diff(np.cumsum(lost)[known], prepend=0.0)
+    return Log(name, time, signals, step, lost, weight).rows(known)
 
 
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
@@ -254,7 +263,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
     for key, values in found.items():
         apart = np.abs(signals.setdefault(key, values) - values).max(axis=1)
         most = _FORCES_APART * weight if key == "force" else _PLACES_APART
-        if (middle := float(np.nanmedian(apart))) > most:
+        if np.isfinite(apart).any() and (middle := float(np.nanmedian(apart))) > most:
             unit = "N" if key == "force" else "m"
             raise InputError(
                 f"{key} differs from that of both feet by {middle:.3g} {unit} or more in half of the rows, "

@@ -178,6 +178,6 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
-        f"Right joints get the values of the left: {'; '.join(findings.unlike)}.": findings.unlike,
+        findings.of_sides: findings.unlike,
     }
     return [note for note, holds in known.items() if holds]

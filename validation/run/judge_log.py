@@ -14,7 +14,7 @@ from ampm.parameters import RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import compare
-from validation.judge.log import find_place, find_start, mean_stride
+from validation.judge.log import find_place, find_start, mean_stride, steps_beside
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
@@ -88,7 +88,7 @@ def judge_log(
         log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)
         measured = measure_log(log, walked.mass, walked.gravity)
         steps, planned_steps = _steps(log, walked), walked.contacts.steps
-        facts |= {} if strides else {"steps": steps}
+        facts |= {} if strides else {"steps": steps, "planned_steps": planned_steps}
         record = log_record(log, measured, steps)
         comparison = compare(walked, record, measured)
         values = evaluate(comparison)
@@ -177,19 +177,21 @@ def _aligned(
     log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
 ) -> tuple[Log, dict[str, Any]]:
     """A log on clock and floor of a plan, and what was done to it: numbers [SI], and sentences."""
-    if (lasts := log.time.size * log.time_step) < LEAST_JUDGED:
-        raise InputError(f"{log.name} lasts {lasts:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log.")
+    if log.duration < LEAST_JUDGED:
+        raise InputError(
+            f"{log.name} lasts {log.duration:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log."
+        )
     share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [
         f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
         "of the plan's weight."
     ]
-    if log.gaps:
-        gaps = f"{len(log.gaps)} gaps of {sum(log.gaps):.3g} s in all, the longest {max(log.gaps):.3g} s"
-        notes.append(f"{gaps}, are left out.")
-        if len(log.gaps) > _OFTEN * log.time.size:
-            notes.append("Every row counts alike: give a log of one rate if it has several.")
+    if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
+        known = f"{gaps.size} gaps of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
+        notes.append(f"{known}, are left out.")
+    if (np.diff(log.time) > 1.5 * log.time_step).mean() > _OFTEN:
+        notes.append("Every row counts alike: give a log of one rate if it has several.")
     if log.unsupported:
         notes.append(log.unsupported)
     if strides:
@@ -208,20 +210,24 @@ def _aligned(
             notes.append(
                 f"The plan begins at {start:z.4f} s of the log, by correlation ({facts['correlation']:.3f})."
             )
+            beside = facts["beside"] = steps_beside(log, start - log.time_step, start + plan.duration)
+            if beside:
+                notes.append(f"The log takes {beside} steps before and after the plan, which are not judged.")
         facts["start"] = start
         time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
     judged = log.rows(log.time >= plan.judged_from - 1e-9)
-    span = judged.time.size * log.time_step  # without gaps
-    if span < LEAST_JUDGED:
+    if not judged.time.size or judged.duration < LEAST_JUDGED:
+        span = judged.duration if judged.time.size else 0.0
         raise InputError(
             f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {LEAST_JUDGED:g} s, "
             f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
     if not strides:
-        whole = float(judged.time[-1] - judged.time[0]) + log.time_step
-        facts["left_out"] = max(1.0 - span / whole, 0.0)
+        momentum, lost = judged.signals.get("angular_momentum", np.zeros((1, 3))), judged.lost[1:].sum()
+        empty = float(np.isnan(momentum).any(axis=1).mean())
+        facts |= {"left_out": float(lost / (judged.duration + lost)), "empty": empty}
     _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:

@@ -84,13 +84,13 @@ def run_folder(target: Path, *, force: bool) -> Iterator[Path]:
     _make_folder(work)
     try:
         yield work
+        check_run_folder(target, force=force)  # something may have appeared there in the meantime
     except BaseException as error:
         if (work / RunFile.JOINTS).exists():
             error.add_note(f"what was recorded is in {work}")
         else:
             shutil.rmtree(work, ignore_errors=True)
         raise
-    check_run_folder(target, force=force)  # something may have appeared there in the meantime
     old = work.with_name(f"{work.name}.old")
     if target.exists():
         target.rename(old)
