@@ -16,27 +16,16 @@ from ampm.sensors.kalman import Kalman
 from ampm.sensors.soles import SoleForces
 from tests.records import first_difference
 from tests.solved import simulated, walk_of
+from tests.test_negative_controls import script
 from tests.test_tick import frames
 from validation.judge.compare import _from_standing_foot
 from validation.study.one_walk import own_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
 
-NOISE = {
-    "angle_noise": 1e-4,
-    "rate_noise": 0.01,
-    "gyro_noise": 5e-3,
-    "accelerometer_noise": 0.05,
-    "force_noise": 2.0,
-    "delay": 0.001,
-}
+SENSORS = script("sensors")
+NOISE, FORCE_TORQUE = SENSORS.NOISE, SENSORS.ROBOT
 WRENCH = {"force_sensor": "wrench", "contact_threshold": 15.0}
-FORCE_TORQUE = WRENCH | {
-    "force_noise": 2.0,
-    "moment_noise": 0.05,
-    "force_bias": 5.0,
-    "force_scale_bias": 0.05,
-}
 FINE = ("simulation.time_step=0.0005", "sensors.delay=0.001")
 GRAVITY = np.array([0.0, 0.0, 9.81])
 
