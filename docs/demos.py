@@ -84,7 +84,7 @@ def main() -> None:
 
 def _preset(name: str) -> tuple[str, ...]:
     """Agreement and cost of a preset."""
-    profile = own_profile(name, load_run(name)).name
+    profile = own_profile(load_run(name)).name
     trial = walk(name, profile=profile)
     if isinstance(trial, Exception):
         raise trial
@@ -109,7 +109,7 @@ def _preset(name: str) -> tuple[str, ...]:
 
 def _vertical(name: str, choice: str) -> tuple[str, ...]:
     """Angular momentum about the vertical, agreement and cost of a preset with L_z free or zero."""
-    profile = own_profile(name, load_run(name)).name
+    profile = own_profile(load_run(name)).name
     trial = walk(name, [f"body.angular_momentum_z={choice}", FINE], profile=profile)
     if isinstance(trial, Exception):
         reason = str(getattr(trial, "reason", "")).replace("_", " ")

@@ -52,7 +52,7 @@ def _walked(gait: str, time_step: float, engine: str) -> tuple[str, ...]:
     settings = [f"simulation.time_step={time_step}", f"simulation.engine={engine}", f"gait.steps={STEPS}"]
     settings += [] if preset else [f"body.source={gait}"]
     request = load_request(gait if preset else None, settings)
-    trial = val.walk(request.run, name=gait).judged(own_profile(gait, request.run))
+    trial = val.walk(request.run, name=gait).judged(own_profile(request.run))
     reason = "" if trial.verdict.passed else trial.verdict.reason
     return ending(trial.summary), *agreement(trial.summary["metrics"]), reason
 

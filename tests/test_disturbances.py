@@ -48,6 +48,24 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
     assert first_difference(record, stored(record, body_of().xml, tmp_path)) is None
 
 
+class Once:
+    """Pushes in its first 50 steps."""
+
+    left = 50
+
+    def apply(self, time, plant):
+        self.left -= 1
+        if self.left >= 0:
+            plant.push("chest", (0.0, 30.0, 0.0))
+
+
+def test_every_walk_begins_with_a_disturbance_as_it_was_given():
+    once = Once()
+    forces = [simulated(steps=1, disturbances=[once]).external_force for _ in range(2)]
+    assert same_bits(*forces)
+    assert (np.count_nonzero(forces[0]), once.left) == (50, 50)
+
+
 def test_pushes_of_arrays_are_equal_to_those_of_tuples():
     force: Any = np.array([0, 15, 0])
     assert Push("chest", force, 0.5, 0.1) == Push("chest", (0.0, 15.0, 0.0), 0.5, 0.1)

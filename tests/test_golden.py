@@ -128,7 +128,7 @@ def test_long_walks_keep_within_their_profile(run_of, name, settings, steps):
     summary = json.loads((run_of(name, settings, steps=steps) / "summary.json").read_text(encoding="utf-8"))
     assert (summary["outcome"], summary["steps_completed"]) == ("completed", steps)
     assert summary["solver"]["unsolved"] == 0
-    for tolerance in own_profile(name, ampm.load_run(name)).tolerances:
+    for tolerance in own_profile(ampm.load_run(name)).tolerances:
         # No joint has a limit of speed, nothing is commanded, and a log's strides alone have a mean.
         if tolerance.metric.startswith(("speed_", "velocity_", "yaw_", "stride_")):
             continue

@@ -291,7 +291,7 @@ def kept(folder, **changed):
 def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, measured):
     request = load_request(gait, ["gait.steps=2", "simulation.time_step=0.002", *settings], as_is=True)
     folder = tmp_path / "run"
-    walk_planned(plan_walk(request), own_profile(gait, request.run)).save(folder, recording=False)
+    walk_planned(plan_walk(request), own_profile(request.run)).save(folder, recording=False)
     before, again = kept(folder)
     assert before["profile"] == profile
     assert before["metrics"][measured]["value"] is not None

@@ -19,10 +19,10 @@ from tests.walk import perfect_walk
 from validation.judge.metrics import (
     METRICS,
     Metric,
-    add_metrics,
     added_metrics,
     evaluate,
     register,
+    set_metrics,
     unregister,
 )
 from validation.judge.profiles import DEFAULT, JUMPS, STRICT
@@ -60,8 +60,11 @@ def test_profiles_verdict_summary_and_worker_processes(drop):
     assert verdict_of(comparison, JUMPS).passed
     data = cloudpickle.dumps(added_metrics())
     unregister(drop.name)
-    add_metrics(cloudpickle.loads(data))  # as in a worker process
-    add_metrics(cloudpickle.loads(data))
+    for _ in range(2):  # as in a worker process, which may have others of earlier runs
+        set_metrics(cloudpickle.loads(data))
+        assert [metric.name for metric in added_metrics()] == [drop.name]
+        register(replace(drop, name="other", label=""))
+    unregister("other")
     assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
 
 

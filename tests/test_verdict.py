@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from ampm import dump_run, load_run, preset_names
+from ampm import load_run, preset_names
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import PARTS, RUN, compare
@@ -25,7 +25,6 @@ from validation.judge.verdict import VerdictName, judge
 from validation.store.signals import COLUMNS, load_signals, save_signals
 from validation.trial.disturbances import Push
 from validation.trial.outcome import Outcome, OutcomeName
-from validation.trial.plan import load_request
 
 
 @pytest.fixture(scope="module")
@@ -162,28 +161,30 @@ def test_limits_grow_with_foot_and_weight():
     np.testing.assert_allclose(limits["zmp_x_rmse"].limit_for(many), [2.5e-3, 1.25e-3])
 
 
-def test_profiles_are_found_by_name_and_by_preset(tmp_path):
+def test_profiles_are_found_by_name_and_by_run():
     assert find_profile("strict") is STRICT
-    gait, file = load_run("pitch"), tmp_path / "pitch.toml"
-    file.write_text(dump_run(gait))
-    own = {name: own_profile(name, load_run(name)).name for name in preset_names()}
-    own["file"] = own_profile(load_request(str(file)).name, gait).name
+    gait, jumps = load_run("pitch"), load_run("ipm")
+    own = {name: own_profile(load_run(name)).name for name in preset_names()}
+    own |= {
+        key: own_profile(jumps.replace({key: value})).name
+        for key, value in {"gait.planner": "ampm", "controller.contact_ramp": 0.03}.items()
+    }
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
-    assert special == {"ipm": "jumps"}  # no other demo may take wider limits
+    assert special == {"ipm": "jumps"}  # no other demo, plan or contact may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]
     over_footsteps = gait.replace({}, footsteps=steps)
-    assert own_profile("pitch", over_footsteps).name == "footsteps"
-    estimating = own_profile("pitch", over_footsteps.replace({"sensors.estimator": "kalman"}))
+    assert own_profile(over_footsteps).name == "footsteps"
+    estimating = own_profile(over_footsteps.replace({"sensors.estimator": "kalman"}))
     limits, steps_limits, odometry = (
         {item.metric: item.limit for item in find_profile(profile).tolerances}
         for profile in (estimating, "footsteps", "odometry")
     )
     of_steps = {name: steps_limits[name] for name in ("angular_momentum_x_rmse", "angular_momentum_y_rmse")}
     assert limits == {**odometry, **of_steps}
-    assert own_profile("pitch", gait, [Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
+    assert own_profile(gait, [Push("chest", (1.0, 0.0, 0.0), 1.0, 0.1)]).name == "pushed"
     estimated, fixed = {"estimator": "kalman"}, {"estimator": "kalman", "fix_rate": 100}
     runs = [load_run("pitch", sensors=keys) for keys in ({}, estimated, fixed, {"rate_noise": 0.01})]
-    assert [own_profile("pitch", run).name for run in runs] == ["default", "odometry", "default", "default"]
+    assert [own_profile(run).name for run in runs] == ["default", "odometry", "default", "default"]
 
 
 def test_a_perfect_walk_has_no_error(walk):
@@ -311,6 +312,14 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     found = compare(plan, pushed, replace(measured, zmp=zmp))
     times = [recovery_time(found, name) for name in ("default", "jumps")]
     assert times == pytest.approx([30 * record.time_step, 0.0])
+    wind = replace(pushed, external_force=force + 1.0)  # which is no push
+    assert recovery_time(compare(plan, wind, replace(measured, zmp=zmp))) == times[0]
+    earlier = measured.zmp.copy()
+    earlier[110:150, 1] = 0.5  # after a push that is not the last one
+    assert recovery_time(compare(plan, pushed, replace(measured, zmp=earlier))) == recovery
+    later = replace(pushed, external_force=np.roll(force, 2 * step, axis=0))
+    unfit = np.roll(earlier, step, axis=0)  # before the first push
+    assert recovery_time(compare(plan, later, replace(measured, zmp=unfit))) == np.inf
     late = np.arange(len(zmp))[:, None] > 210  # to the end, which comes before the limit on the recovery
     zmp = np.where(late, 0.5, zmp)
     assert np.isnan(recovery_time(compare(plan, pushed, replace(measured, zmp=zmp))))

@@ -4,9 +4,9 @@
         walked("momentum", controller=MyController, gait={"steps": 10})
         assert_within("default")
 
-A walk is made once in a process for inputs that pickle alike. The runs of a failed test are saved with their
-recordings in pytest's folder for temporary files (``--basetemp``). Importing this module loads nothing but
-pytest.
+A walk is made once in a process for inputs, classes and files that are alike. The runs of a failed test are
+saved with their recordings in pytest's folder for temporary files (``--basetemp``). Importing this module
+loads nothing but pytest.
 """
 
 from __future__ import annotations
@@ -98,18 +98,19 @@ def walk_once(
     disturbances: Sequence[Any] = (),
     **sections: Mapping[str, Any],
 ) -> Trial:
-    """Walk as :func:`validation.walk` does, unless inputs that pickle alike were walked in this process.
+    """Walk as :func:`validation.walk` does, unless the same was walked in this process.
 
-    A mapping as the controller is its section. Inputs that cannot be pickled are walked every time.
+    The same are inputs, classes with the values that they use, and files. A mapping as the controller is its
+    section. Inputs that cannot be pickled are walked every time.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     # Imported here: they load simulator, controller and NumPy.
-    import cloudpickle
-
     from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
+    from validation.study.many import identity
+    from validation.study.pool import pickled
     from validation.trial.plan import load_request
 
     if isinstance(controller, Mapping):
@@ -117,9 +118,10 @@ def walk_once(
     request = load_request(source, sections=sections)
     run, name = request.run, request.name
     options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
-    inputs = (name, run, run.given, options, added_metrics())
+    files = [Path(text) for text in (controller, planner) if isinstance(text, str)]
     try:
-        key = cloudpickle.dumps(inputs)
+        key = pickled((name, run, run.given, options, added_metrics()))
+        key += identity([run, files]).encode()
     except Exception:  # of the user's objects
         return walk(run, name=name, **options)
     if key not in _walks:

@@ -60,7 +60,7 @@ def validate(
     disturbances = disturbing.load()
     if uncertainty and disturbances:
         raise InputError("--uncertainty holds for no walk with --push or --disturbance; leave it out.")
-    judges = [profile or own_profile(request.name, request.run, disturbances) for request in requests]
+    judges = [profile or own_profile(request.run, disturbances) for request in requests]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):

@@ -188,7 +188,8 @@ def compare(
     if command is not None:
         planned = valid = planned.without_plan(measured_supports(record)[0])
     phase = planned.phase
-    run, feet = time >= plan.judged_from - 1e-9, measured.foot_contact.sum(axis=1)
+    begin = np.array([item.plan.judged_from for item in followed.plans])[followed.planner(time)]
+    run, feet = np.logical_or.accumulate(time >= begin - 1e-9), measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
         "first_step": ~run,

@@ -70,8 +70,10 @@ class Metric:
                 'give those of its profiles: {"default": 0.1}.'
             )
         for limit in self.tolerances.values():
-            if not isinstance(limit, Real) or not math.isfinite(limit):
-                raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number.")
+            if not isinstance(limit, Real) or not math.isfinite(limit) or limit < 0.0:
+                raise InputError(
+                    f"metric '{self.name}' has the tolerance {limit!r}; give a number, 0 or more."
+                )
 
     @property
     def column(self) -> str:

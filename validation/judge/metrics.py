@@ -16,8 +16,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ampm.exceptions import InputError, words_of
+from ampm.geometry import Array
 from validation.judge.built_in import COMPUTED
 from validation.judge.compare import RUN, SIGNALS, Comparison, signal_pairs
 from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, Metric, size_in_si
@@ -67,11 +69,11 @@ def added_metrics() -> list[Metric]:
     return list(_ADDED.values())
 
 
-def add_metrics(metrics: Iterable[Metric]) -> None:
-    """Register metrics of another process, unless this one has them."""
+def set_metrics(metrics: Iterable[Metric]) -> None:
+    """Register the metrics of another process in place of those that were registered here."""
+    _ADDED.clear()
     for metric in metrics:
-        if metric.name not in METRICS:
-            register(metric)
+        register(metric)
 
 
 def load_metric(text: str) -> Metric:
@@ -159,31 +161,55 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Time from the end of the last push from which on every error keeps its limits, for a step or more [s].
+    """Longest time from the end of a push from which on every error keeps its limits until the next push [s].
 
-    Infinite if they do not within its own limit, NaN if the walk ends before that; None if nothing pushed the
-    body, or without a plan. Limits of the RMS and largest error over the rest of the walk are those that it
-    has if nothing pushes it.
+    After the last one it is for a step or more; a push that comes earlier belongs to the one before, and a
+    force that never ends is none. Infinite if the errors do not keep them within its own limit, or did not
+    for a step or more before the first push; NaN if the walk ends before that; None if nothing pushed the
+    body, or without a plan.
     """
     record = walk.record
-    pushed = np.flatnonzero(record.external_force.any(axis=(1, 2)) | record.external_moment.any(axis=(1, 2)))
-    if walk.plan.command is not None or not pushed.size:
+    if walk.plan.command is not None or not record.external_force.size:
         return None
+    force = np.concatenate([record.external_force, record.external_moment], axis=-1)
+    lasts = np.asarray(force.any(axis=2).all(axis=0))[:, None]
+    acts: NDArray[np.bool_] = (force - np.median(force, axis=0) * lasts).any(axis=(1, 2))
+    pushed = np.diff(acts, prepend=False, append=False)
+    if not pushed.any():
+        return None
+    (first, start), *others = np.flatnonzero(pushed).reshape(-1, 2).tolist()
     duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
-    step = max(round(duration / record.time_step), 1)
-    first = int(pushed[-1]) + 1
-    within = np.ones(record.steps - first, dtype=bool)  # of the rests that begin at each instant
-    for name, (value, reference) in signal_pairs(walk.sample, walk.measured, record).items():
-        error = np.nan_to_num(np.abs(value - reference)[first:][::-1], nan=np.inf)  # the last one first
+    step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
+    pairs = signal_pairs(walk.sample, walk.measured, record)
+    errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
+    if first - judged >= step and not _kept(errors, judged, first, walk.unpushed_limits)[0]:
+        return math.inf
+    longest = 0
+    for begin, end in others:
+        if (kept := np.flatnonzero(_kept(errors, start, begin, walk.unpushed_limits))).size:
+            longest, start = max(longest, int(kept[0])), end
+    within = _kept(errors, start, record.steps, walk.unpushed_limits)
+    begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
+    if begins.size:
+        return max(longest, int(begins[0])) * record.time_step
+    ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
+    return math.nan if ends else math.inf
+
+
+def _kept(
+    errors: Mapping[str, Array], first: int, last: int, limits: Mapping[str, float]
+) -> NDArray[np.bool_]:
+    """Whether, from each of some steps to the last, every RMS and largest error keeps its limit."""
+    within = np.ones(last - first, dtype=bool)
+    for name, error in errors.items():
+        backwards = np.nan_to_num(error[first:last][::-1], nan=np.inf)
         rests = {
-            "rmse": np.sqrt(np.cumsum(error**2) / np.arange(1, len(error) + 1)),
-            "maximum": np.maximum.accumulate(error),
+            "rmse": np.sqrt(np.cumsum(backwards**2) / np.arange(1, len(backwards) + 1)),
+            "maximum": np.maximum.accumulate(backwards),
         }
         for statistic, values in rests.items():
-            within &= values[::-1] <= walk.unpushed_limits.get(f"{name}_{statistic}", math.inf)
-    begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
-    ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
-    return float(begins[0] * record.time_step) if begins.size else math.nan if ends else math.inf
+            within &= values[::-1] <= limits.get(f"{name}_{statistic}", math.inf)
+    return within
 
 
 def _cost(walk: Comparison, name: str) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.parameters import NO_PLAN, RunParameters
+from ampm.planner.closed_form import LIPM
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
 from validation.judge.metric import FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
@@ -80,10 +81,10 @@ class Profile:
 DEFAULT = Profile("default")
 # For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).
 STRICT = Profile("strict", DEFAULT)
-# For plans whose acceleration jumps (preset `ipm`): a torque is held for a tick and cannot jump within it, so
-# the ZMP is on the wrong side of each jump for up to half a tick. That of `ipm` jumps by J = 0.24 m along x
-# and 0.08 m along y twice in a step of D = 0.775 s. With torques held for T = 2 ms each jump comes up to T/2
-# early or late, an RMSE of J (T/2D)^1/2 = 8.6 and 2.9 mm.
+# For plans whose acceleration jumps, with contacts that open within a tick (preset `ipm`): a torque is held
+# for a tick and cannot jump within it, so the ZMP is on the wrong side of each jump for up to half a tick.
+# That of `ipm` jumps by J = 0.24 m along x and 0.08 m along y twice in a step of D = 0.775 s. With torques
+# held for T = 2 ms each jump comes up to T/2 early or late, an RMSE of J (T/2D)^1/2 = 8.6 and 2.9 mm.
 JUMPS = Profile("jumps", DEFAULT)
 # For walks over footsteps: no motion is solved before them, so the angular momentum that keeps the trunk
 # upright while legs and arms swing, 0.47 N m s for `normal`, is found while walking.
@@ -106,26 +107,26 @@ PROFILES: Mapping[str, Profile] = MappingProxyType(
 )
 
 
-def own_profile(gait: str, run: RunParameters, disturbances: Sequence[Disturbance] = ()) -> Profile:
-    """Profile of a gait, of its run over footsteps, without a plan or with an estimator, if none is given.
+def own_profile(run: RunParameters, disturbances: Sequence[Disturbance] = ()) -> Profile:
+    """Profile of a run, if none is given: by plan, footsteps, estimator and pushes.
 
-    The gait is the name of a preset, of which ``ipm`` has one of its own, or any other; a
-    :class:`Push` among the disturbances, which are beside those of the run, asks for ``pushed``.
+    A :class:`Push` among the disturbances, which are beside those of the run, asks for ``pushed``.
     """
     if run.gait.planner == NO_PLAN:
         return FREE
     if any(isinstance(item, Push) for item in (*pushes_of(run.disturbance), *disturbances)):
         return PUSHED
-    return unpushed_profile(gait, run)
+    return unpushed_profile(run)
 
 
-def unpushed_profile(gait: str, run: RunParameters) -> Profile:
+def unpushed_profile(run: RunParameters) -> Profile:
     """Profile of a walk with a plan that nothing pushes, see :func:`own_profile`."""
     if run.sensors.relative:
         return ODOMETRY_STEPS if run.footsteps else ODOMETRY
     if run.footsteps:
         return FOOTSTEPS
-    return JUMPS if gait == "ipm" else DEFAULT
+    at_once = run.controller.contact_ramp <= 1.0 / run.controller.frequency
+    return JUMPS if run.gait.planner == LIPM and at_once else DEFAULT
 
 
 def find_profile(name: Profile | str) -> Profile:

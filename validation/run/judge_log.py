@@ -99,9 +99,7 @@ def judge_log(
     title = f"{log.name} on {part}{planned.name}"
     planned = replace(planned, request=replace(planned.request, name=title))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
-    return Trial(
-        planned, comparison, MappingProxyType(values), own_profile(request.name, request.run), seconds, extra
-    )
+    return Trial(planned, comparison, MappingProxyType(values), own_profile(request.run), seconds, extra)
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:

@@ -83,7 +83,7 @@ def walk(
     CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
     if controller is not None:
         chosen = chosen.replace({"controller.name": name_of_class})
-    profile = own_profile(request.name, chosen, disturbances)
+    profile = own_profile(chosen, disturbances)
     request = replace(request, name=name or request.name, run=chosen)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
@@ -122,7 +122,7 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive)
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        unpushed = unpushed_profile(planned.name, run)
+        unpushed = unpushed_profile(run)
         comparison = replace(comparison, unpushed_limits=unpushed.limits(comparison.scales))
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)

@@ -27,6 +27,7 @@ from validation.run.judge_log import judge_run
 from validation.run.walk import walk_planned
 from validation.store.folders import names_folder
 from validation.store.json import json_ready, write_json
+from validation.store.saved import read_summary
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
 from validation.table import Table, Tabled, format_value, own_rows
@@ -109,7 +110,7 @@ class Case:
         return replace(
             self,
             request=replace(self.request, run=run),
-            profile=own_profile(self.request.name, run).name if own else self.profile,
+            profile=own_profile(run).name if own else self.profile,
             pushes=() if unpushed else self.pushes,
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
         )
@@ -301,7 +302,7 @@ def explain(
     target = study_folder(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
-        profile = own_profile(request.name, request.run, disturbances).name
+        profile = own_profile(request.run, disturbances).name
         given = Case(request, profile, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN}.")
@@ -310,6 +311,9 @@ def explain(
     planned = plan_walk(given.request, execution.get("progress"))
     case = replace(given, request=planned.request)
     trial = walk_case(case)
+    if folder is not None and (was := read_summary(folder)["verdict"]) != trial["verdict"]:
+        now = f"had the verdict {was}, and its repeat has {trial['verdict']}"
+        raise InputError(f"{folder} {now}: a class or file that it uses has changed; walk it anew.")
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes = possible(case)
     tasks = [Task(case.text(change, new), walk_case, {"case": new}) for change, new in changes]

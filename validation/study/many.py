@@ -46,32 +46,32 @@ class Task:
     @cached_property
     def digest(self) -> str:
         """Hash of all that decides on the row: options, code, and the sources of a user's classes."""
-        text = "\n".join(map(_identity, (self.work, self.options, added_metrics(), code_hash())))
+        text = "\n".join(map(identity, (self.work, self.options, added_metrics(), code_hash())))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _identity(value: Any) -> str:
+def identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
         own = (users_files(value), own_classes(value)) if isinstance(value, RunParameters) else ""
-        return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{_identity(own)}"
+        return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{identity(own)}"
     if isinstance(value, Path) and value.is_file():
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
     if isinstance(value, np.ndarray):
-        return _identity(value.tolist())
+        return identity(value.tolist())
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key!r}: {_identity(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{key!r}: {identity(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_identity, value)) + "]"
+        return "[" + ", ".join(map(identity, value)) + "]"
     if isinstance(value, partial):
-        return _identity([value.func, value.args, value.keywords])
+        return identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
         thing: Any = value
         cells = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
         held = [kept for kept in cells if kept is not value]
-        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)} {_identity(held)}"
+        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)} {identity(held)}"
     if hasattr(value, "__dict__"):
-        return f"{_identity(type(value))} {_identity(vars(value))}"
+        return f"{identity(type(value))} {identity(vars(value))}"
     return repr(value)
 
 

@@ -29,7 +29,7 @@ import cloudpickle
 
 from ampm.exceptions import InputError, RefusedGait, StudyStopped
 from ampm.files import read_text
-from validation.judge.metrics import add_metrics, added_metrics
+from validation.judge.metrics import added_metrics, set_metrics
 from validation.judge.profiles import Profile
 from validation.progress import interruption
 from validation.store.environment import code_hash
@@ -82,7 +82,7 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
     with _one_at_a_time, open(os.devnull, "w", encoding="utf-8") as nowhere:
         try:  # imports do not count as time of the run
             work, options, metrics, classes = cloudpickle.loads(data)
-            add_metrics(metrics)
+            set_metrics(metrics)
             for name in {name for metric in metrics for name in metric.tolerances}:
                 Profile(name)  # the user's too, which only the client has made
             SENT.update(classes)
@@ -149,6 +149,14 @@ def users_file(module: Any) -> str | None:
     return file if file is not None and not _real(file).startswith(_KNOWN) else None
 
 
+def pickled(value: Any) -> bytes:
+    """Bytes of a value, with users' modules by value: workers elsewhere cannot import them by name."""
+    for name, module in list(sys.modules.items()):
+        if name != "__main__" and users_file(module):
+            cloudpickle.register_pickle_by_value(module)
+    return bytes(cloudpickle.dumps(value))
+
+
 # ------------------------------------------------------------------------------------------ in the client
 
 
@@ -185,15 +193,9 @@ class Workers:
         return self._workers
 
     def send(self, work: Work, options: Options) -> str:
-        """Submit a run, with added metrics and the classes that its options name; returns its name.
-
-        Users' modules are sent by value: workers started elsewhere cannot import them by name.
-        """
+        """Submit a run, with added metrics and the classes that its options name; returns its name."""
         classes = own_classes(options)  # imports their modules
-        for name, module in list(sys.modules.items()):
-            if name != "__main__" and users_file(module):
-                cloudpickle.register_pickle_by_value(module)
-        data = cloudpickle.dumps((work, dict(options), added_metrics(), classes))
+        data = pickled((work, dict(options), added_metrics(), classes))
         name = f"ampm-{uuid4().hex}"
         future = self._client.submit(call, data, self._limit, code_hash(), key=name)
         self._flying[name] = future

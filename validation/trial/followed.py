@@ -59,7 +59,7 @@ class Followed:
 
     def numbers(self, times: Array) -> NDArray[np.int32]:
         """Number of the plan valid at times, 0 the first one, :data:`STEPPING` the stabiliser's; (N,)."""
-        number = self._planner(times)
+        number = self.planner(times)
         if self.stepped is not None:
             ticks, row = self.stepped.time, self.stepped.tick_of(times)
             number[(row >= 0) & (times + SAME < ticks[row] + self.tick)] = STEPPING
@@ -71,7 +71,7 @@ class Followed:
         Before the walk the first plan stands.
         """
         made = np.maximum(times - lead, 0.0)
-        number, planner = self.numbers(made), self._planner(made)
+        number, planner = self.numbers(made), self.planner(made)
         changes = np.flatnonzero((np.diff(number) != 0) | (np.diff(planner) != 0)) + 1
         parts = []
         for start, end in pairwise([0, *changes.tolist(), len(times)]):
@@ -82,7 +82,7 @@ class Followed:
                 parts.append(plan.rows.at(times[start:end]))
         return PlanRows.joined(parts)
 
-    def _planner(self, times: Array) -> NDArray[np.intp]:
+    def planner(self, times: Array) -> NDArray[np.intp]:
         """Number of the planner's last plan at times, shape (N,)."""
         return np.searchsorted(self.since, times + SAME, side="right") - 1
 

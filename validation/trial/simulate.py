@@ -5,6 +5,7 @@ so that the controller senses the contacts of the state on which it acts. The ru
 motion.
 """
 
+import copy
 import logging
 import math
 import pickle
@@ -157,6 +158,13 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
     return forces
 
 
+def _copied(disturbance: Disturbance) -> Disturbance:
+    try:
+        return copy.deepcopy(disturbance)
+    except Exception:  # of the user's class, such as one with an open file
+        return disturbance
+
+
 def place(physics: Physics, run: RunParameters, start: Reference) -> State:
     """Place the body on a reference's posture, with errors of the run; returns the state that is known."""
     q, v, off = start.q.copy(), start.v.copy(), run.disturbance
@@ -205,7 +213,8 @@ class ClosedLoop:
         estimator: Estimator | None = None,
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
-        self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in disturbances]
+        forces = [_copied(item) for item in disturbances]  # every walk begins with them as they were given
+        self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in forces]
         self.plant = Plant(physics)
         pushes = [item for item in disturbances if isinstance(item, Push)]
         for segment in (run.disturbance.push_segment, *(push.segment for push in pushes)):

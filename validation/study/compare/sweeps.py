@@ -72,12 +72,15 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         before, after = a.numbers(METRIC + name)[rows_a], b.numbers(METRIC + name)[rows_b]
         both = completed & np.isfinite(before) & np.isfinite(after)
         growth = np.subtract(after, before, out=np.zeros(len(rows_a)), where=both)
-        limit = b.limit_values(name)[rows_b] if name in b.limits else a.limit_values(name)[rows_a]
+        limits = [
+            side.limit_values(name)[rows] for side, rows in ((b, rows_b), (a, rows_a)) if name in side.limits
+        ]
+        limit = limits[0]
         noise = rounding(np.fmax(before, after), a.unit(METRIC + name))
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
         worse[number] = is_lost | (growth > np.fmax(noise, TOLERANCE * limit))
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
-        counts[number] = is_lost | (np.abs(growth) > noise)
+        counts[number] = is_lost | (np.abs(growth) > noise) | (limit != limits[-1])
     passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)

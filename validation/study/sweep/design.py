@@ -151,6 +151,7 @@ def _scaled(value: Range, is_whole: bool, unit: NDArray[np.float64]) -> list[Opt
 
 _OF_PROFILES = (
     "gait.planner",
+    "controller.contact_ramp",
     *(f"disturbance.push_{axis}" for axis in "xyz"),
     "sensors.estimator",
     "sensors.fix_rate",
@@ -261,7 +262,7 @@ class SweepDefinition(Section, section="sweep"):
         names = {self.profile} if self.profile else set[str]()
         for run in () if self.profile else alike.values():
             with suppress(InputError):  # a run whose keys do not go together
-                names.add(own_profile(self.gaits[self.gait_of(run)], self.parameters(run)).name)
+                names.add(own_profile(self.parameters(run)).name)
         return find_profile(*names) if len(names) == 1 else DEFAULT
 
     @property
