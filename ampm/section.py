@@ -144,6 +144,9 @@ def _input_error(error: ValidationError, model: type[Section]) -> InputError:
     if kind == "extra_forbidden":
         if isinstance(value, Mapping) and not model.section:
             return unknown(key, model.model_fields, "section")
+        if key in model.known_keys():
+            section, _, name = key.partition(".")
+            return InputError(f"{key!r} is a key of a section; write {section}={{'{name}': ...}}.", key=key)
         return unknown(key, model.known_keys())
     field = {field.alias or name: field for name, field in model.model_fields.items()}[location[0]]
     unit = "" if unit_of(field) == "1" else f" {unit_of(field)}"

@@ -76,8 +76,9 @@ def rank(
 ) -> int:
     """Rank the planners of a sweep.
 
-    Every gait of the sweep is a task; runs that differ in other keys are replicas. A rank counts
-    the planners whose survival or error is better by more than the doubt of replicas, numerics and contact.
+    Every gait of the sweep is a task; runs that differ in other keys are replicas. A rank is one more than
+    the number of planners whose survival or error is better by more than the doubt of replicas, numerics and
+    contact.
     """
     from validation.study.rank import rank as ranked
 

@@ -42,7 +42,8 @@ def view(
         show_recording(targets[0], web=web)
         return Status.PASS
     if missing := [target for target in targets if not (target / RunFile.SUMMARY).is_file()]:
-        raise InputError(f"{missing[0]} is not a run; give folders, or one .rrd file alone without --save.")
+        what = "is not a run" if missing[0].exists() else "does not exist"
+        raise InputError(f"{missing[0]} {what}; give folders, or one .rrd file alone without --save.")
     if save is None:
         viewer_command(targets[0], web=web)  # refuses if there is no display
     else:

@@ -235,6 +235,7 @@ def _aligned(
         )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
-        f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s."
+        f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s, and "
+        f"judged from {judged.time[0]:.3f} s."
     )
     return log.moved(by), {**facts, "notes": notes}

@@ -114,7 +114,7 @@ class Push:
         numbers = isinstance(self.at, Real) and isinstance(self.duration, Real)
         if not (numbers and math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
             raise InputError(
-                f"invalid push at {self.at} s for {self.duration} s; begin at 0 or later, and last above 0."
+                f"invalid push at {self.at!r} s for {self.duration!r} s; give numbers, 0 or more and above 0."
             )
         object.__setattr__(self, "force", tuple(map(float, self.force)))  # of an array, too
 

@@ -116,7 +116,7 @@ def robustness(
     replicas: int = REPLICAS,
     **execution: Unpack[Execution],
 ) -> Robustness:
-    """Find what a gait survives with its body and controller.
+    """Find what a gait survives with its body and controller, without a push of its own.
 
     Args:
         run: parameters, preset or TOML file.
@@ -147,9 +147,8 @@ def robustness(
     planned = plan_walk(short, execution.get("progress"))
     if any(cell.is_push for cell in cells):
         push_instant(planned.plan.contacts, "forward", "early", PUSH_STEP + 1)
-    run = planned.run.as_is()
-    unpushed = run.replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
-    if cause := walk_replica(planned, unpushed)["cause"]:
+    run = planned.run.as_is().replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
+    if cause := walk_replica(planned, run)["cause"]:
         said = f"{request.title} does not walk without a further disturbance ({cause.partition(';')[0]})"
         raise InputError(f"{said}; ampm explain says why.")
     options = {"request": Request(request.name, run), "replicas": replicas}
