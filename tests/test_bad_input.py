@@ -37,12 +37,7 @@ from tests.test_body_files import TOML, URDF
 from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
-from validation.judge.profiles import DEFAULT
-from validation.judge.verdict import judge_summary
 from validation.measure.log import read_log
-from validation.show.cost_table import cost_table, reported_table
-from validation.store.json import write_json
-from validation.store.metric_table import metric_table
 from validation.store.summary import SUMMARY, read_json
 from validation.study.row_file import RowFile
 from validation.study.sweep.design import check_classes
@@ -188,11 +183,6 @@ NUMBERS = st.one_of(
     st.integers(-(10**400), 10**400),
 )
 CELLS = NUMBERS | st.text(max_size=8) | st.just("")
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=4,
-)
 SIZES = pytest.mark.parametrize("examples", [40, pytest.param(1000, marks=pytest.mark.slow)])
 
 
@@ -304,31 +294,3 @@ def test_models_of_bodies(examples, tmp_path):
         assert math.isfinite(body.mass)
 
     fuzz(max(examples // 3, 8), check, st.sampled_from(attributes()), NUMBERS, st.integers(0, 2))
-
-
-def places(value, path=()):
-    """Keys of all entries of a nested dictionary."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield (*path, key)
-            yield from places(item, (*path, key))
-
-
-@SIZES
-def test_summaries(examples, run_of, tmp_path):
-    path = tmp_path / "summary.json"
-    good = read_json(run_of() / "summary.json", SUMMARY, "")[0]
-
-    def check(place, value):
-        changed = copy.deepcopy(good)
-        inner = changed
-        for key in place[:-1]:
-            inner = inner[key]
-        inner[place[-1]] = value
-        write_json(path, changed)
-        found = read_json(path, SUMMARY, "walk the gait again")[0]
-        for made in (metric_table(found), cost_table(found), reported_table(found)):
-            assert str(made)
-        assert judge_summary(found, DEFAULT)["reason"]
-
-    fuzz(examples, check, st.sampled_from(sorted(places(good))), JSON)
