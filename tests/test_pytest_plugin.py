@@ -81,17 +81,21 @@ import numpy as np
 @dataclass
 class Kick:
     force: np.ndarray
+    sign = 1.0
 
     def apply(self, time, plant):
-        plant.push("chest", self.force)
+        plant.push("chest", self.sign * self.force)
 
-def test_changed(walked):
+def test_changed(walked, monkeypatch):
     kick, controller = Kick(np.zeros(3)), {"stabilizer": "stepping"}
     plain = walked("normal", disturbances=[kick], controller=controller, **COARSE)
     assert walked("normal", disturbances=[Kick(np.zeros(3))], controller=controller, **COARSE) is plain
     kick.force[0] = 5.0
     pushed = walked("normal", disturbances=[kick], controller=controller, **COARSE)
     assert (pushed.record.external_force[..., 0].max(), plain.record.external_force.max()) == (5.0, 0.0)
+    monkeypatch.setattr(Kick, "sign", -1.0)
+    pushed = walked("normal", disturbances=[kick], controller=controller, **COARSE)
+    assert pushed.record.external_force[..., 0].min() == -5.0
 """
     )
     run().assert_outcomes(passed=1)

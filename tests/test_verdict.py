@@ -24,6 +24,8 @@ from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.store.signals import COLUMNS, load_signals, save_signals
 from validation.trial.disturbances import Push
+from validation.trial.followed import Followed
+from validation.trial.frozen_plan import FrozenPlan
 from validation.trial.outcome import Outcome, OutcomeName
 
 
@@ -323,6 +325,15 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     late = np.arange(len(zmp))[:, None] > 210  # to the end, which comes before the limit on the recovery
     zmp = np.where(late, 0.5, zmp)
     assert np.isnan(recovery_time(compare(plan, pushed, replace(measured, zmp=zmp))))
+
+
+def test_the_judged_time_begins_with_the_first_step_that_is_walked(walk):
+    plan, record, measured = walk
+    ours = FrozenPlan.of(plan, record.time[:-1])
+    begun: Any = SimpleNamespace(judged_from=math.inf, command=None)
+    late = replace(ours, plan=begun)
+    again = replace(record, followed=Followed((late, ours), (0.0, record.time_step)))
+    np.testing.assert_array_equal(compare(plan, again, measured).inside, compare(*walk).inside)
 
 
 def test_effort_is_command_minus_plan_after_the_first_step(walk):
