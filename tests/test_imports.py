@@ -30,7 +30,9 @@ The tick calls the stabiliser that steps, which reads the workspace of the tick:
 @cache
 def imports(*packages: str) -> dict[str, set[str]]:
     """Modules and packages that each module of some packages imports, at any depth of its code."""
-    paths = {module_name(path): path for package in packages for path in (ROOT / package).rglob("*.py")}
+    files = [path for package in packages for path in (ROOT / package).rglob("*.py")]
+    names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files]
+    paths = {name.removesuffix(".__init__"): path for name, path in zip(names, files, strict=True)}
     found: dict[str, set[str]] = {}
     for name, path in paths.items():
         seen = found.setdefault(name, set())
@@ -43,10 +45,6 @@ def imports(*packages: str) -> dict[str, set[str]]:
                 seen.update(members & paths.keys() or {node.module})
         seen.discard(name)
     return found
-
-
-def module_name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 @pytest.mark.parametrize("package", ORDER)
