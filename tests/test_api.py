@@ -80,6 +80,11 @@ def slack(change):
     return Changed(with_posture)
 
 
+def test_steps_that_are_not_the_runs_are_told():
+    trial = val.walk(ampm.load_run("normal", gait={"steps": 2}), planner=Changed(step_length=0.55))
+    assert trial.planned.note == "The planner Changed plans steps of 0.55 m, and gait.step_length is 0.6 m."
+
+
 class Late:
     """A controller of a user's own, without a QP, that fails in mid-walk."""
 

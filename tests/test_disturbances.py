@@ -49,8 +49,6 @@ def test_a_push_is_recorded_where_and_when_it_acts(tmp_path):
 
 
 class Once:
-    """Pushes in its first 50 steps."""
-
     left = 50
 
     def apply(self, time, plant):

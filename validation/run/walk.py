@@ -129,7 +129,7 @@ def walk_planned(
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
     texts += map(describe, disturbances)
     known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
-    known["sides"] = body.model.findings.of_sides
+    known["notes"] = [text for text in (planned.note, body.model.findings.of_sides) if text]
     extra = {name: value for name, value in known.items() if value}
     return Trial(planned, comparison, values, profile, taken, extra)
 

@@ -77,8 +77,6 @@ def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]
         )
     if lead := summary.get("ahead", {}).get("judged"):
         notes.append(f"The plan moved: each instant is compared with the plan as it stood {lead:g} s before.")
-    if sides := summary.get("sides"):
-        notes.append(sides)
     if summary["profile"] == "pushed":
         notes.append("Pushed: errors of ZMP, force and angular momentum have to be within limits again.")
-    return [*notes, *summary.get("log", {}).get("notes", ())]
+    return [*notes, *summary.get("notes", ()), *summary.get("log", {}).get("notes", ())]

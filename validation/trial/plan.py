@@ -116,6 +116,7 @@ class PlannedWalk(Brief):
     # the values that were found, with their margins; None if nothing was searched for
     tuned: Tuned | None = None
     replanner: Replanner | None = None  # the planner, if it goes on planning while its plan is walked
+    note: str = ""  # how the steps of a user's planner differ from those of the run
 
     @property
     def name(self) -> str:
@@ -307,6 +308,7 @@ def plan_walk(
         with progress.stage(f"{request.name}: body"):
             body = make_body(run)
     replanner: Any = planner if users.replan_period(planner) < math.inf else None
+    note = ""
     with (
         progress.stage(f"{request.name}: whole-body motion"),
         _way_out(asked) if checked else users.UsersCode("planner", planner),
@@ -318,8 +320,9 @@ def plan_walk(
             check_plan(plan, run, body.robot)
             is_table = type(planner) is TablePlanner
             if problem := check_steps(plan, run, is_table=is_table, goes_on=replanner is not None):
-                progress.say(f"{request.name}: the planner {name} plans {problem}")
-    return PlannedWalk(request, plan, body, name, replanner=replanner)
+                note = f"The planner {name} plans {problem}."
+                progress.say(f"{request.name}: {note}")
+    return PlannedWalk(request, plan, body, name, replanner=replanner, note=note)
 
 
 def _check_request(
