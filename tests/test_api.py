@@ -81,8 +81,10 @@ def slack(change):
 
 
 def test_steps_that_are_not_the_runs_are_told():
-    trial = val.walk(ampm.load_run("normal", gait={"steps": 2}), planner=Changed(step_length=0.55))
-    assert trial.planned.note == "The planner Changed plans steps of 0.55 m, and gait.step_length is 0.6 m."
+    trial = val.walk(ampm.load_run("flat", gait={"steps": 2}), planner=Changed(step_length=0.4))
+    note = "The planner Changed plans steps of 0.4 m, and gait.step_length is 0.3 m."
+    assert trial.summary["notes"] == [note]
+    assert note in trial.table().notes
 
 
 class Late:
