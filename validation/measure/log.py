@@ -57,6 +57,7 @@ _OVER = 0.5  # time over which the vertical force is averaged to find a fall [s]
 _CARRIED = 0.85  # least such mean, as a share of the usual one: less is a fall [1]
 _RATIO = 2.0  # most ratio of mean vertical force and weight: more is another unit or body [1]
 _FARTHEST = 1000.0  # largest coordinate of a place: more is another unit [m]
+_FASTEST = 15.0  # speed of a belt: more is another unit [m/s]
 _LEAN = 1.0  # most horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # least share of rows with numbers: with less a signal counts as missing [1]
 _LOST = 0.2  # most share of a loaded foot's rows without a COP: with more it is the other foot's COP [1]
@@ -133,6 +134,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     if "belt_speed" in signals:
         if (empty := np.flatnonzero(np.isnan(signals["belt_speed"]))).size:
             raise InputError(f"row {empty[0] + 1} of {name}: belt_speed is empty; fill its gaps.")
+        if (most := float(np.abs(signals["belt_speed"]).max())) > _FASTEST:
+            raise InputError(f"{name}: belt_speed is up to {most:.4g} m/s; give it in m/s.")
         signals["belt_way"] = cumulative_trapezoid(signals["belt_speed"], time, initial=0.0)
         for key in PLACES & signals.keys():
             signals[key][:, 0] += signals["belt_way"]
