@@ -36,7 +36,7 @@ from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.readings import make_estimator
 from validation.trial.references import Course, References
-from validation.trial.simulate import ClosedLoop, forces_of, place
+from validation.trial.simulate import ClosedLoop, copied, forces_of, place
 from validation.trial.users import real_numbers
 
 # dm_control looks for an OpenGL context when it is imported, and warns or fails where there is none. MuJoCo
@@ -115,7 +115,7 @@ class FollowedWalk(control.Physics, control.Task):
         self.planned, self.physics = planned, Physics(planned.scene, planned.run)
         self.substeps = self.physics.substeps
         self.walk = References(planned.plan, planned.run, self.physics)
-        self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
+        self._forces = forces_of(planned.run, copied(disturbances), self.walk.total * self.timestep())
         robot = planned.body.robot
         scales = {"body_weight": robot.mass * robot.gravity, "foot_length": planned.plan.feet.sole.length}
         limits = [_limits(name, scales) for name in REWARDED]

@@ -110,6 +110,7 @@ def walk_once(
     from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
     from validation.study.many import identity
+    from validation.study.one_walk import own_classes
     from validation.study.pool import pickled
     from validation.trial.plan import load_request
 
@@ -118,9 +119,12 @@ def walk_once(
     request = load_request(source, sections=sections)
     run, name = request.run, request.name
     options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
-    files = [Path(text) for text in (controller, planner) if isinstance(text, str)]
+    given = {"controller.name": controller, "gait.planner": planner}
+    named = {key: text for key, text in given.items() if isinstance(text, str)}
+    files = [Path(text) for text in named.values()]
     try:
-        key = pickled((name, run, run.given, options, added_metrics()))
+        classes = own_classes(run.replace(named))
+        key = pickled((name, run, run.given, options, added_metrics(), classes))
         key += identity([run, files]).encode()
     except Exception:  # of the user's objects
         return walk(run, name=name, **options)

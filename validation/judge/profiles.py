@@ -81,11 +81,12 @@ class Profile:
 DEFAULT = Profile("default")
 # For walks without induced angular momentum (preset `normal`: c_s = c_y = 1).
 STRICT = Profile("strict", DEFAULT)
-# For plans whose acceleration jumps, with contacts that open within a tick (preset `ipm`): a torque is held
+# For plans whose acceleration jumps, with contacts that open at once (preset `ipm`): a torque is held
 # for a tick and cannot jump within it, so the ZMP is on the wrong side of each jump for up to half a tick.
 # That of `ipm` jumps by J = 0.24 m along x and 0.08 m along y twice in a step of D = 0.775 s. With torques
 # held for T = 2 ms each jump comes up to T/2 early or late, an RMSE of J (T/2D)^1/2 = 8.6 and 2.9 mm.
 JUMPS = Profile("jumps", DEFAULT)
+_AT_ONCE = 0.002  # longest ramp of such contacts [s]
 # For walks over footsteps: no motion is solved before them, so the angular momentum that keeps the trunk
 # upright while legs and arms swing, 0.47 N m s for `normal`, is found while walking.
 FOOTSTEPS = Profile("footsteps", DEFAULT)
@@ -125,8 +126,7 @@ def unpushed_profile(run: RunParameters) -> Profile:
         return ODOMETRY_STEPS if run.footsteps else ODOMETRY
     if run.footsteps:
         return FOOTSTEPS
-    at_once = run.controller.contact_ramp <= 1.0 / run.controller.frequency
-    return JUMPS if run.gait.planner == LIPM and at_once else DEFAULT
+    return JUMPS if run.gait.planner == LIPM and run.controller.contact_ramp <= _AT_ONCE else DEFAULT
 
 
 def find_profile(name: Profile | str) -> Profile:

@@ -202,6 +202,8 @@ def judge(
         ended = f"The profile {profile.name} has no limits."
     if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
         ended = "Nothing pushed the body off a plan: judge it by another profile."
+    if not ended and "velocity_x_error" in metrics.keys() - limits.keys():
+        ended = "The walk has no plan: judge it by the profile free."
     if not ended and profile.name == "free" and "velocity_x_error" not in metrics:
         ended = "The walk has a plan and no commanded velocity: judge it by another profile."
     if ended:

@@ -164,9 +164,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         )
     signals = {key: v for key, v in signals.items() if filled[key] >= _FILLED}
     # Rows that lie farther apart than most are rows of a slower clock, as far as signals vary little between.
-    apart = np.diff(time, prepend=time[0] - step)
-    lost = np.where(known, np.where(apart > max(1.5 * step, HOLE), apart - step, 0.0), apart)
-    lost[known] = np.diff(np.cumsum(lost)[known], prepend=0.0)
+    lost, apart = np.zeros(time.size), np.diff(time[known], prepend=time[known][0] - step)
+    lost[known] = np.where(apart > max(1.5 * step, HOLE), apart - step, 0.0)
     return Log(name, time, signals, step, lost, weight).rows(known)
 
 

@@ -223,8 +223,10 @@ def _aligned(
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
     if not strides:
-        momentum, lost = judged.signals.get("angular_momentum", np.zeros((1, 3))), judged.lost[1:].sum()
+        momentum = judged.signals.get("angular_momentum", np.zeros((1, 3)))
         empty = float(np.isnan(momentum).any(axis=1).mean())
+        late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
+        lost = judged.lost[1:].sum() + min(judged.lost[0], max(late, 0.0))
         facts |= {"left_out": float(lost / (judged.duration + lost)), "empty": empty}
     _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)

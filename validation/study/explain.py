@@ -313,7 +313,7 @@ def explain(
     trial = walk_case(case)
     if folder is not None and (was := read_summary(folder)["verdict"]) != trial["verdict"]:
         now = f"had the verdict {was}, and its repeat has {trial['verdict']}"
-        raise InputError(f"{folder} {now}: a class or file that it uses has changed; walk it anew.")
+        raise InputError(f"{folder} {now}: a class, file or metric has changed; walk it anew.")
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes = possible(case)
     tasks = [Task(case.text(change, new), walk_case, {"case": new}) for change, new in changes]
@@ -339,6 +339,8 @@ def _saved_case(folder: Path) -> Case:
     request, record = load_request(str(folder / RunFile.RUN)), saved.record
     if saved.is_log:
         raise InputError(f"{folder} is a log, which cannot be walked again; give the folder of a run.")
+    if record.outcome.name is OutcomeName.INTERRUPTED:
+        raise InputError(f"{folder} was interrupted; walk it to its end.")
     if record.outcome.name is OutcomeName.CRASHED:
         raise InputError(f"{folder} cannot be explained. {record.outcome.ending} Correct that class.")
     if saved.summary["verdict"] == VerdictName.UNDECIDED:

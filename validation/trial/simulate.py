@@ -79,7 +79,7 @@ def simulate(
         follower = make_controller(robot, run.undisturbed, **run.controller.options)
     course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
     end = math.inf if replanner else course.total * physics.time_step
-    forces = forces_of(run, disturbances, end)
+    forces = forces_of(run, copied(disturbances), end)
     stands = run.sensors.stand and run.sensors.estimator != EXACT
     estimating = stand(planned, physics) if stands else None
     start = place(physics, run, course.table[0])
@@ -158,11 +158,12 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
     return forces
 
 
-def _copied(disturbance: Disturbance) -> Disturbance:
+def copied(disturbances: Sequence[Disturbance]) -> Sequence[Disturbance]:
+    """Copies with which a walk begins, as every other one does; the same where they cannot be copied."""
     try:
-        return copy.deepcopy(disturbance)
-    except Exception:  # of the user's class, such as one with an open file
-        return disturbance
+        return copy.deepcopy(disturbances)
+    except Exception:  # of a user's class, such as one with an open file
+        return disturbances
 
 
 def place(physics: Physics, run: RunParameters, start: Reference) -> State:
@@ -213,8 +214,7 @@ class ClosedLoop:
         estimator: Estimator | None = None,
         disturbances: Sequence[Disturbance] = (),
     ) -> None:
-        forces = [_copied(item) for item in disturbances]  # every walk begins with them as they were given
-        self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in forces]
+        self.disturbances = [(item, UsersCode("disturbance", item, walking=True)) for item in disturbances]
         self.plant = Plant(physics)
         pushes = [item for item in disturbances if isinstance(item, Push)]
         for segment in (run.disturbance.push_segment, *(push.segment for push in pushes)):

@@ -80,7 +80,8 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
         worse[number] = is_lost | (growth > np.fmax(noise, TOLERANCE * limit))
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
-        counts[number] = is_lost | (np.abs(growth) > noise) | (limit != limits[-1])
+        is_new = name in b.limits and name not in a.limits
+        counts[number] = is_lost | (np.abs(growth) > noise) | (limit != limits[-1]) | is_new
     passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
