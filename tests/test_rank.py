@@ -137,14 +137,25 @@ def test_a_walk_that_completes_without_a_verdict_survives():
     assert (cell.survived, cell.runs, len(cell.errors)) == (8, 8, 8)
 
 
-def test_a_walk_whose_measurement_fails_a_check_does_not_count():
-    def change(task, planner, row):
-        return row | ({"failed": "zmp_x_rmse,zmp_agreement_rmse"} if planner == "dcm" else {})
-
-    found = rank(league(0, change))
+@pytest.mark.parametrize(
+    ("what", "note"),
+    [
+        (
+            {"failed": "zmp_x_rmse,zmp_agreement_rmse"},
+            "8 fail a check of the measurement and do not count",
+        ),
+        (
+            {"plan_note": "It plans steps of 0 m."},
+            "8 of other steps than the task's do not count: It plans steps of 0 m.",
+        ),
+    ],
+)
+def test_a_walk_that_says_nothing_about_the_task_does_not_count(what, note):
+    found = rank(league(0, lambda task, planner, row: row | (what if planner == "dcm" else {})))
     assert not [name for _, name in found.ranks if name == "dcm"]
     cell = next(cell for cell in found.cells if cell.name == "dcm")
-    assert (cell.runs, cell.notes[0]) == (0, "8 fail a check of the measurement and do not count")
+    assert (cell.runs, cell.notes[0]) == (0, note)
+    assert "dcm-best" not in found.extremes
 
 
 def test_survival_of_other_replicas_is_not_compared():

@@ -40,7 +40,6 @@ PARTS: Mapping[str, str] = MappingProxyType(
 """Parts of the ZMP error, and their labels; see :class:`ZmpErrorSplit`."""
 
 _CONSTANT = 1e-9
-_SCALES = {"m": "foot_length", "N": "body_weight", "N m s": "mass_height_velocity"}
 
 
 class Signal(NamedTuple):
@@ -130,7 +129,7 @@ class Comparison(Brief):
     # the plan at the K measured instants t_k, as it stood `followed.lead` before each: it is judged
     sample: PlanRows
     rows: Mapping[str, Flags]  # window to rows, shape (K,); phases and contacts divide :data:`RUN`
-    scales: Mapping[str, float]  # `body_weight` [N], `foot_length` [m], `mass_height_velocity` [N m s]
+    scales: Mapping[str, float]  # `body_weight` [N] and `foot_length` [m]
     signals: Mapping[str, Mapping[str, Statistics]]  # by signal and window
     zmp_split: ZmpErrorSplit  # causes of the ZMP error
     costs: Mapping[str, Mapping[str, Any]]  # `effort`, `margins`, `energy`, see `validation.judge.margins`
@@ -201,12 +200,8 @@ def compare(
     }
     for array in rows.values():
         array.setflags(write=False)
-    speed = plan.constants.mean_velocity or math.sqrt(plan.gravity * plan.com_height)
-    scales = {
-        "body_weight": measured.weight,
-        "mass_height_velocity": measured.mass * plan.com_height * speed,
-        "foot_length": (description or plan.feet).sole.length,
-    }
+    sole = (description or plan.feet).sole
+    scales = {"body_weight": measured.weight, "foot_length": sole.length}
     costs: dict[str, Mapping[str, Any]] = {
         "effort": feedback_effort(record, valid, run),
         "margins": margins(followed, record, measured, description, shapes),
@@ -221,8 +216,8 @@ def compare(
         """Errors of all signals in some windows."""
         found: dict[str, Mapping[str, Statistics]] = {}
         for name, (value, reference) in signal_pairs(planned, measured, record).items():
-            error, scale = value - reference, scales[_SCALES[SIGNALS[name].unit]]
-            of = {window: statistics(error[w], reference[w], scale) for window, w in windows.items()}
+            error = value - reference
+            of = {window: statistics(error[w], reference[w]) for window, w in windows.items()}
             found[name] = MappingProxyType(of)
         return found
 
@@ -294,18 +289,15 @@ def _along(vectors: Array, heading: Array) -> Array:
     return np.column_stack([(vectors * heading).sum(axis=1), across])
 
 
-def statistics(error: Array, reference: Array, scale: float) -> Statistics:
-    """Statistics of an error in one window, shape (n,), NaN where not measured, from a reference (n,).
-
-    A reference whose spread is negligible on ``scale`` counts as constant.
-    """
+def statistics(error: Array, reference: Array) -> Statistics:
+    """Statistics of an error in one window, shape (n,), NaN where not measured, from a reference (n,)."""
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():
         return Statistics(error.size, unmeasured, math.nan, math.nan, math.nan, None)
     error, reference = error[known], reference[known]
     squares = float(np.sum(error * error))
-    varies = float(np.ptp(reference)) > _CONSTANT * scale
+    varies = float(np.ptp(reference)) > _CONSTANT * max(1.0, float(np.abs(reference).max()))
     return Statistics(
         count=int(known.size),
         unmeasured=unmeasured,

@@ -220,6 +220,9 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     checks = {item.name for item in METRICS.values() if item.is_self_check}
     failed = (words.split(",") for words in table.words("failed"))
     unsound = np.array([not checks.isdisjoint(names) for names in failed], dtype=bool)
+    plan_notes = np.array(table.words("plan_note"))
+    is_other = plan_notes != ""  # a walk of other steps, which says nothing about the task
+    meets = completed & (table.numbers("margin_clearance") < 0.0)
     names, tasks = short_names(table.words(key)), short_names(table.words("gait"))
     for row, place in enumerate(zip(tasks, names, strict=True)):
         groups.setdefault(place, []).append(row)
@@ -230,7 +233,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
         rows = np.array(found)
         expected = np.array([(place[0], replicas[row]) in walkable for row in found])  # some planner walks it
         counted = rows[expected & ~refused[rows].all()]  # no run of a task that this planner leaves out
-        counted = counted[~unsound[counted]]  # the numbers of others are not reliable
+        counted = counted[~(unsound | is_other)[counted]]  # the numbers of unsound ones are not reliable
         if table.is_state(RunState.REFUSED, *BROKEN)[counted].all():  # no answer about its walk
             counted = counted[:0]
         keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in counted.tolist()}
@@ -242,6 +245,10 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
         notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
         if wrong := np.count_nonzero(unsound[rows]):
             notes.append(f"{wrong} fail a check of the measurement and do not count")
+        if other := rows[is_other[rows]].tolist():
+            notes.append(f"{len(other)} of other steps than the task's do not count: {plan_notes[other[0]]}")
+        if met := np.count_nonzero(meets[done]):
+            notes.append(f"in {met} of those that survived parts of the body pass through each other")
         if equal := len(counted) - len(distinct):
             notes.append(f"{equal} equal another one to the bit: they count once")
         usual = pace[np.array(tasks) == place[0]]
@@ -264,7 +271,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     numbers = table.table["run"].to_pylist()
     for name in dict.fromkeys(names):
         mine = [row for row in table.worst if names[row] == name]
-        done = [row for row in mine if completed[row] and not unsound[row]]
+        done = [row for row in mine if completed[row] and not (unsound | is_other)[row]]
         folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # a file of a user has its whole path as its name
         best = min(done, key=np.nan_to_num(errors, nan=np.inf).__getitem__, default=None)
         extremes |= {} if best is None else {f"{folder}-best": numbers[best]}

@@ -80,6 +80,7 @@ def walk_columns(trial: Trial) -> dict[str, Any]:
         **{f"plan_{item.name}": getattr(constants, item.name) for item in fields(constants)},
         "plan_step_duration": constants.step_duration,
         "plan_duration": plan.duration,
+        "plan_note": trial.planned.note or None,
         "plan_zmp_margin": plan.least_zmp_margin()[0],
         "outcome": str(outcome.name),
         "cause": outcome.cause or (trial.verdict.reason if trial.verdict.name == "not_measured" else None),
