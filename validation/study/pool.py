@@ -149,12 +149,17 @@ def users_file(module: Any) -> str | None:
     return file if file is not None and not _real(file).startswith(_KNOWN) else None
 
 
-def pickled(value: Any) -> bytes:
-    """Bytes of a value, with users' modules by value: workers elsewhere cannot import them by name."""
-    for name, module in list(sys.modules.items()):
-        if name != "__main__" and users_file(module):
-            cloudpickle.register_pickle_by_value(module)
-    return bytes(cloudpickle.dumps(value))
+def pickled(value: Any, *, by_value: bool = True) -> bytes:
+    """Bytes of a value, with users' modules by value, or by name as far as they have one."""
+    loaded = list(sys.modules.items()) if by_value else []
+    modules = [module for name, module in loaded if name != "__main__" and users_file(module)]
+    for module in modules:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        return bytes(cloudpickle.dumps(value))
+    finally:
+        for module in modules:
+            cloudpickle.unregister_pickle_by_value(module)
 
 
 # ------------------------------------------------------------------------------------------ in the client
@@ -163,11 +168,12 @@ def pickled(value: Any) -> bytes:
 class Workers:
     """Workers of a dask client, one run each at a time.
 
-    A run has a limit of wall-clock time [s]. The study stops after a patience without any worker [s].
+    A run has a limit of wall-clock time [s]. Remote workers cannot import users' modules, but may come late.
     """
 
-    def __init__(self, client: Any, limit: float | None, patience: float) -> None:
-        self._client, self._limit, self._patience = client, limit, patience
+    def __init__(self, client: Any, limit: float | None, *, remote: bool) -> None:
+        self._client, self._limit, self._remote = client, limit, remote
+        self._patience = math.inf if remote else NO_WORKER  # without any worker [s]
         self._flying: dict[str, Any] = {}  # futures by name
         self._started: dict[str, tuple[str, float]] = {}  # worker and time at which the last attempt began
         self._workers = 0  # when last asked
@@ -193,9 +199,19 @@ class Workers:
         return self._workers
 
     def send(self, work: Work, options: Options) -> str:
-        """Submit a run, with added metrics and the classes that its options name; returns its name."""
+        """Submit a run, with added metrics and the classes that its options name; returns its name.
+
+        Raises :class:`InputError` if one of them cannot be sent.
+        """
         classes = own_classes(options)  # imports their modules
-        data = pickled((work, dict(options), added_metrics(), classes))
+        try:
+            data = pickled((work, dict(options), added_metrics(), classes), by_value=self._remote)
+        except Exception as error:
+            what = ", ".join(classes) or "an option"
+            raise InputError(
+                f"{what} cannot be sent to a worker ({type(error).__name__}: {error}); keep what cannot be "
+                "pickled out of modules and options, such as by making it in __init__, or give --workers 0."
+            ) from error
         name = f"ampm-{uuid4().hex}"
         future = self._client.submit(call, data, self._limit, code_hash(), key=name)
         self._flying[name] = future
@@ -254,9 +270,8 @@ def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(_SETTINGS):
-        patience = NO_WORKER if scheduler is None else math.inf
         with _local(workers or cores()) if scheduler is None else _remote(scheduler) as client:
-            yield Workers(client, limit, patience)
+            yield Workers(client, limit, remote=scheduler is not None)
 
 
 @contextmanager
