@@ -79,7 +79,8 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     ("gaits", "choices", "labels"),
     [
         ([], {}, ["normal", "ipm"]),
-        (["flat"], {"gait.planner": ["dcm"]}, ["flat", "ipm"]),
+        (["flat"], {"gait.planner": ["dcm"]}, ["ampm", "dcm"]),
+        (["flat"], {"body.source": ["g1"]}, ["flat", "ipm"]),
         (["flat"], PLANNERS | {"controller.name": ["ampm"]}, ["ampm", "dcm"]),
         (["flat"], PLANNERS | {"controller.name": ["ampm", JOINT_PD]}, ["ampm, ampm", f"dcm, {JOINT_PD}"]),
         (["flat", "normal"], PLANNERS, ["flat", "normal"]),
@@ -154,7 +155,7 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     assert "other exceeded 1 of 13 limits (ground force, RMS error along x, " in said
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
     said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
-    assert said.startswith("smooth and other have no errors of the ZMP to compare. No difference in mech")
+    assert said.startswith("No error of the ZMP is judged in every walk. No difference in mech")
     said = comparison_of([a, changed(b, verdict="not_measured", profile="jumps")]).sentence
     assert "smooth stayed below every limit of the profile default (" in said
     assert "other was not measured by every limit of the profile jumps (" in said
@@ -185,7 +186,7 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
 
 def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm):
     cell = Cell("push forward", "pushes", (0.1, 0.2))
-    study = Robustness("normal", "human", "ampm", 5, (CellResult(cell, survived=0.1),))
+    study = Robustness("normal", "ampm", "human", "ampm", 5, (CellResult(cell, survived=0.1),))
     tables = {
         table.title: table
         for table in comparison_of([replace(sides[0], robustness=study), sides[1]]).tables()
@@ -194,10 +195,13 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     causes = tables["causes of the ZMP error, RMS"]
     assert causes.headers == ["cause", "smooth, x", "jumps, x", "smooth, y", "jumps, y", "unit"]
     assert float(causes.rows[1][1]) < float(causes.rows[1][2])
-    (tmp_path / "robustness.json").write_text(json.dumps(study.as_dict()), encoding="utf-8")
-    both = ["--robustness", tmp_path, "--robustness", tmp_path / "robustness.json"]
+    for name, planner in (("robustness.json", "ampm"), ("other.json", "ipm")):
+        text = json.dumps(replace(study, planner=planner).as_dict())
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    both = [f"--robustness={tmp_path}", f"--robustness={tmp_path / 'other.json'}"]
     assert "push forward" in ampm("compare", *folders, *both).out
-    with pytest.raises(InputError, match="of flat, human, ampm, and the walk is of normal, human, ampm"):
+    assert "of normal, ipm, human, ampm, and" in ampm("compare", *folders, *both[::-1]).err
+    with pytest.raises(InputError, match="of flat, ampm, human, ampm, and the walk is of normal"):
         replace(sides[0], robustness=replace(study, gait="flat"))
     with_settings = replace(study, gait="normal, controller.stabilizer stepping")
     assert replace(sides[0], robustness=with_settings).robustness

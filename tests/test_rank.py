@@ -44,7 +44,7 @@ def league(seed, change=lambda task, planner, row: row):
             "verdict": "pass",
             "outcome_time": 3.0,
             "energy_cost_of_transport": 0.4,
-            "energy_distance": 2.0 if planner == "dcm" else 2.4,
+            "energy_speed": 0.75 if planner == "dcm" else 0.9,
         }
         row |= {f"ahead_0.1_zmp_{axis}": error / np.sqrt(2.0) for axis in "xy"}
         if (task, planner) == ("flat", "lipm"):

@@ -61,7 +61,7 @@ def test_the_table_and_the_files(tmp_path):
     """Every push of 0.4 m/s and less is survived, and every slope."""
     cells = [*push_cells(quick=True), Cell("up", "disturbance.slope_along", (math.radians(1.0),))]
     results = [climbed(cell, 1, lambda value, _: row("" if abs(value) <= 0.4 else FELL))[0] for cell in cells]
-    found = Robustness("normal", "human", "ampm", 1, tuple(results))
+    found = Robustness("normal", "ampm", "human", "ampm", 1, tuple(results))
     (table,) = found.tables()
     assert len(table.rows) == 2 * 2 * 4 + 1
     cause = "fell: the trunk leaned 60 degrees off the planned one"

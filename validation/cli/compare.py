@@ -47,7 +47,8 @@ def compare(
     walks: list[str] | None = typer.Argument(
         None,
         help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two sweeps; "
-        "normal if none. One alone is compared with ipm, or with itself where an option comes repeatedly.",
+        "normal if none. One alone is compared with itself where an option comes repeatedly, with the same "
+        "without its --planner, --controller and --engine, or else with ipm.",
         metavar="WALK",
     ),
     *,

@@ -48,7 +48,8 @@ def sweep(
     found = run.sweep(file, **execution.given())
     execution.answer(found)
     ended = set(found.states)
-    if any(state is RunState.CRASHED and reason != "UsersError" for state, reason in found.endings):
+    users = ("UsersError", "worker_died")
+    if any(state is RunState.CRASHED and reason not in users for state, reason in found.endings):
         return Status.CRASH  # an error of our own
     if ended - {RunState.PASS, RunState.OUT_OF_TOLERANCE, RunState.NOT_MEASURED, RunState.REFUSED}:
         return Status.NOT_COMPLETED
@@ -88,12 +89,12 @@ def rank(
     if recordings is not None:
         from validation.study.sweep.design import load_sweep
         from validation.study.sweep.run import keep_runs
-        from validation.study.sweep.table import SweepFile
+        from validation.study.sweep.table import SweepFile, read_sweep
 
         if recordings.resolve() == folder.resolve():
             raise InputError(f"--recordings {recordings} is the folder of the sweep; give another one.")
-        definition = load_sweep(folder / SweepFile.DEFINITION)
-        keep_runs(definition, found.extremes, out=recordings, resume=resume, progress=Narrator())
+        definition, table = load_sweep(folder / SweepFile.DEFINITION), read_sweep(folder)
+        keep_runs(definition, table, found.extremes, out=recordings, resume=resume, progress=Narrator())
     options.print_result(found, as_json=as_json)
     return Status.PASS
 

@@ -1,6 +1,6 @@
 """``ampm validate``, and the commands on a run's folder: ``replay`` and ``report``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -89,7 +89,7 @@ def validate(
         answers.append({**summary, "directory": str(target)})
         statuses.append(status_of(summary))
         if not result.as_json:
-            print_result(summary, target)
+            print_result(summary, target, metrics=judging.metric or ())
         if interruption.pending:  # interrupted during the measurement, which is finished first
             missing = "recording and report, which 'ampm report' draws"
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for {missing}")
@@ -193,16 +193,19 @@ def report(
 # ------------------------------------------------------------------------------------- a trial for a reader
 
 
-def print_result(summary: Mapping[str, Any], folder: Path, *, wrote: bool = True) -> None:
-    """Print a trial's ``summary.json`` for a reader, and which files were written."""
+def print_result(
+    summary: Mapping[str, Any], folder: Path, *, wrote: bool = True, metrics: Sequence[str] = ()
+) -> None:
+    """Print a trial's ``summary.json`` for a reader, its files, and how a failure is explained."""
     from validation.show.cost_table import cost_table
     from validation.store.metric_table import metric_table, walk_title
 
     print_tables([metric_table(summary), cost_table(summary)])
     fell = status_of(summary) is Status.NOT_COMPLETED and summary["outcome"] != "crashed"  # which says why
-    failed = wrote and "log" not in summary and (fell or summary["verdict"] == "fail")
-    here = quote(str(folder))
-    why = f" ampm explain {here} says why." if failed else ""
+    planned = "log" not in summary and "velocity" not in summary  # without a plan no layer is the policy
+    failed = wrote and planned and (fell or summary["verdict"] == "fail")
+    here, given = quote(str(folder)), "".join(f" --metric {quote(text)}" for text in metrics)
+    why = f" ampm explain {here}{given} says why." if failed else ""
     word = f"{walk_title(summary)}: {summary['verdict'].replace('_', ' ').upper()}"
     color = COLORS.get(summary["verdict"], "yellow")
     print_line(Text.assemble((word, f"bold {color}"), f"  {summary['reason']}{why}"))

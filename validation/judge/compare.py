@@ -188,6 +188,8 @@ def compare(
         planned = valid = planned.without_plan(measured_supports(record)[0])
     phase = planned.phase
     begin = np.array([item.plan.judged_from for item in followed.plans])[followed.planner(time)]
+    if pushed := push_rows(record):  # a slow first step does not hide a push
+        begin = np.minimum(begin, time[pushed[0][0]])
     run, feet = np.logical_or.accumulate(time >= begin - 1e-9), measured.foot_contact.sum(axis=1)
     rows = {
         RUN: run,
@@ -287,6 +289,17 @@ def _along(vectors: Array, heading: Array) -> Array:
     """Components along and across unit vectors in the floor, all of shape (K, 2)."""
     across = heading[:, 0] * vectors[:, 1] - heading[:, 1] * vectors[:, 0]
     return np.column_stack([(vectors * heading).sum(axis=1), across])
+
+
+def push_rows(record: SimulationRecord) -> list[tuple[int, int]]:
+    """First row of every push and the row after its end; a force that never ends is none."""
+    if not record.external_force.size:
+        return []
+    force = np.concatenate([record.external_force, record.external_moment], axis=-1)
+    lasts = np.asarray(force.any(axis=2).all(axis=0))[:, None]
+    acts: Flags = (force - np.median(force, axis=0) * lasts).any(axis=(1, 2))
+    changes = np.flatnonzero(np.diff(acts, prepend=False, append=False)).tolist()
+    return list(zip(changes[::2], changes[1::2], strict=True))
 
 
 def statistics(error: Array, reference: Array) -> Statistics:

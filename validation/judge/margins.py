@@ -141,7 +141,7 @@ def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
     The mechanical cost of transport is that of Collins, Ruina, Tedrake and Wisse, Science 307 (2005), over
     the length of the COM's path on the floor.
     """
-    names = ("positive_work", "negative_work", "distance", "cost_of_transport")
+    names = ("positive_work", "negative_work", "distance", "speed", "cost_of_transport")
     used = np.flatnonzero(rows)
     if used.size == 0 or not record.joint_names:
         return dict.fromkeys(names, math.nan)
@@ -153,7 +153,8 @@ def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
     moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
     distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
     transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
-    return dict(zip(names, (positive, negative, distance, transport), strict=True))
+    speed = distance / (len(moves) * record.time_step)
+    return dict(zip(names, (positive, negative, distance, speed, transport), strict=True))
 
 
 def _postures(record: SimulationRecord) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError, words_of
 from ampm.geometry import Array
 from validation.judge.built_in import COMPUTED
-from validation.judge.compare import RUN, SIGNALS, Comparison, signal_pairs
+from validation.judge.compare import RUN, SIGNALS, Comparison, push_rows, signal_pairs
 from validation.judge.metric import BODY_WEIGHT, DEFAULT_BODY, Metric, size_in_si
 from validation.table import own_rows
 from validation.trial.users import load_object
@@ -169,15 +169,9 @@ def _recovery_time(walk: Comparison) -> float | None:
     body, or without a plan.
     """
     record = walk.record
-    if walk.plan.command is not None or not record.external_force.size:
+    if walk.plan.command is not None or not (pushes := push_rows(record)):
         return None
-    force = np.concatenate([record.external_force, record.external_moment], axis=-1)
-    lasts = np.asarray(force.any(axis=2).all(axis=0))[:, None]
-    acts: NDArray[np.bool_] = (force - np.median(force, axis=0) * lasts).any(axis=(1, 2))
-    pushed = np.diff(acts, prepend=False, append=False)
-    if not pushed.any():
-        return None
-    (first, start), *others = np.flatnonzero(pushed).reshape(-1, 2).tolist()
+    (first, start), *others = pushes
     duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
     step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
     pairs = signal_pairs(walk.sample, walk.measured, record)

@@ -34,7 +34,7 @@ from validation.table import Table, Tabled, format_value, own_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
-from validation.trial.plan import Body, Request, complete, load_request, plan_walk
+from validation.trial.plan import Body, Request, complete, gait_title, load_request, plan_walk
 
 TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
@@ -325,7 +325,8 @@ def explain(
         # Without limits the motor shows that needs more than its own.
         text = replace(case, strained=row.get("motor", case.strained)).text(change, new)
         rows.append({"layer": change.layer, "text": text, **row})
-    result = Explanation(planned.request.title, *answer(trial, rows), trial, tuple(rows))
+    title = gait_title(planned.name, planned.request.changed, planned.planner)
+    result = Explanation(title, *answer(trial, rows), trial, tuple(rows))
     for place in filter(None, (target, folder)):
         write_json(place / RunFile.EXPLANATION, result.as_dict())
     return result

@@ -1,5 +1,6 @@
 """The walk of a study on a worker, with what a user adds to it: classes, sent by value, and files."""
 
+import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -60,4 +61,5 @@ def keep_run(folder: str, **options: Any) -> Row:
     """Walk one run and write its folder as ``ampm validate`` does; the same options give the same bits."""
     trial = walk_request(**options)
     trial.save(folder, force=True)
-    return {"outcome": str(trial.record.outcome.name)}
+    values = {name: metric.value for name, metric in trial.metrics.items() if math.isfinite(metric.value)}
+    return {"outcome": str(trial.record.outcome.name), "metrics": values}

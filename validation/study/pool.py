@@ -269,9 +269,11 @@ def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -
     for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
-    with dask.config.set(_SETTINGS):
-        with _local(workers or cores()) if scheduler is None else _remote(scheduler) as client:
-            yield Workers(client, limit, remote=scheduler is not None)
+    with (
+        dask.config.set(_SETTINGS),
+        _local(workers or cores()) if scheduler is None else _remote(scheduler) as client,
+    ):
+        yield Workers(client, limit, remote=scheduler is not None)
 
 
 @contextmanager

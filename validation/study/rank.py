@@ -147,7 +147,7 @@ class Ranking(Tabled):
         tasks, names = (
             list(dict.fromkeys(getattr(cell, what) for cell in self.cells)) for what in ("task", "name")
         )
-        head = self.by.rpartition(".")[2]
+        head = {key: short for short, key in SHORT.items()}.get(self.by, self.by.rpartition(".")[2])
         ranks = [(name, *(str(self.ranks.get((task, name), ABSENT)) for task in tasks)) for name in names]
         spread = " and the spread between engines leave the difference open."
         if self.engines is None:
@@ -216,7 +216,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     errors = np.hypot(*(table.numbers(ahead_column(name, JUDGED_LEAD)) for name in AHEAD))
     ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
     completed = np.array(table.words("outcome")) == "completed"
-    pace = np.where(completed, table.numbers("energy_distance") / ends_at, np.nan)
+    pace = np.where(completed, table.numbers("energy_speed"), np.nan)
     checks = {item.name for item in METRICS.values() if item.is_self_check}
     failed = (words.split(",") for words in table.words("failed"))
     unsound = np.array([not checks.isdisjoint(names) for names in failed], dtype=bool)

@@ -25,13 +25,17 @@ if TYPE_CHECKING:
 
 FOOTSTEP_TOLERANCE, ASIDE = 1e-3, 0.2
 """Distance up to which a planner steps on a footstep, and when it plans again, as a push may ask for [m]."""
-_SAME_LENGTH = 0.05  # share by which a planner's steps may differ from the gait's without a word
+# Shares by which a planner's steps may differ from the gait's without a word; those of lipm are 12 % longer.
+_SAME_LENGTH, _SAME_DURATION = 0.05, 0.15
 _SAME_HEADING, _SAME_TIME = 0.2, 0.1  # most difference of a footstep's heading and landing [rad, s]
 _LONGEST = 1.5  # most time of a planner's walk over that of the run's durations [1]
 
 
 def check_steps(plan: WalkPlan, run: RunParameters, *, is_table: bool, goes_on: bool) -> str:
-    """Refuse a plan of other footsteps, fewer steps or more time than its run's; words for another length."""
+    """Refuse a plan of other footsteps, fewer steps or more time than its run's.
+
+    Returns words for another length or duration of its steps; empty if they are alike.
+    """
     contacts, wanted = plan.contacts, run.gait.steps
     ahead = goes_on and not run.footsteps  # what a replanner has planned beyond its steps is not walked
     until = float(contacts.step_ends[:wanted][-1]) if ahead else contacts.duration
@@ -54,6 +58,10 @@ def check_steps(plan: WalkPlan, run: RunParameters, *, is_table: bool, goes_on: 
     length, given = float(np.median(along)), run.gait.step_length
     if not math.isclose(length, given, rel_tol=_SAME_LENGTH):
         return f"steps of {length:.3g} m, and gait.step_length is {given:.3g} m"
+    single, double = _durations(contacts, run)
+    duration = float(np.median(np.diff(contacts.step_ends[:wanted], prepend=0.0)))
+    if not math.isclose(duration, single + double, rel_tol=_SAME_DURATION):
+        return f"steps of {duration:.3g} s, and those of the gait take {single + double:.3g} s"
     return ""
 
 
@@ -99,23 +107,30 @@ def check_duration(contacts: Contacts, until: float, run: RunParameters | None) 
     Standing would dilute its errors. A table, which has no run, and a gait without a closed form are held to
     the median of the plan's own steps.
     """
-    single, double = 0.0, float(np.median(np.diff(contacts.step_ends, prepend=contacts.step_ends[0] / 2)))
+    single, double = _durations(contacts, run)
     times: list[float | None] = [None] * contacts.steps
     if run is not None:
         times = [step.time for step in run.footsteps[2:]] or [None] * run.gait.steps
-        with suppress(RefusedGait):
-            gait = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
-            single, double = gait.single_support_duration, gait.double_support_duration
-    end = SETTLING
+    rests = contacts.phases[0].stance == "both"
+    end = SETTLING if rests else 0.0
     for time in times:
         end = (end + single if time is None else time) + double
-    usual = end + SETTLING + REST
+    usual = end + (SETTLING + REST if rests else 0.0)
     if until > _LONGEST * usual:
         way_out = "; walk what is before and after a stand as two tables" if run is None else ""
+        parts = f"its steps{', the times of footsteps and rest at both ends' if rests else ''}{way_out}"
         raise ValueError(
-            f"its walk takes {until:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of its steps, the "
-            f"times of footsteps and rest at both ends{way_out}"
+            f"its walk takes {until:.4g} s, more than {_LONGEST:g} times the {usual:.4g} s of {parts}"
         )
+
+
+def _durations(contacts: Contacts, run: RunParameters | None) -> tuple[float, float]:
+    """Durations of single and double support of a run's gait; else zero and the plan's median step [s]."""
+    if run is not None:
+        with suppress(RefusedGait):
+            gait = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
+            return gait.single_support_duration, gait.double_support_duration
+    return 0.0, float(np.median(np.diff(contacts.step_ends, prepend=contacts.step_ends[0] / 2)))
 
 
 def judged_facts(plan: WalkPlan) -> tuple[Any, ...]:

@@ -60,19 +60,19 @@ class Side(Brief):
     label: str  # name in tables
     run: SavedRun  # the finished run
     study: Uncertainty | None = None  # convergence study of its gait; None if none is known
-    robustness: Robustness | None = None  # of the same gait, body and controller; None if none is known
+    robustness: Robustness | None = None  # of the same gait and walker; None if none is known
 
     def __post_init__(self) -> None:
-        """Refuse a robustness study of another gait, body or controller; settings may differ."""
+        """Refuse a robustness study of another gait, planner, body or controller; settings may differ."""
         if (study := self.robustness) is None:
             return
         run = self.run.parameters
-        own = self.run.summary["gait"], run.body.source, run.controller.name
-        its = study.gait.partition(", ")[0], study.body, study.controller
+        own = self.run.summary["gait"], run.gait.planner, run.body.source, run.controller.name
+        its = study.gait.partition(", ")[0], study.planner, study.body, study.controller
         if own != its:
             raise InputError(
                 f"--robustness of {self.label} is of {', '.join(its)}, and the walk is of {', '.join(own)} "
-                "(gait, body, controller); give the study of each walk, in their order, or none."
+                "(gait, planner, body, controller); give the study of each walk, in their order, or none."
             )
 
     @property
@@ -196,7 +196,7 @@ class WalkComparison(Tabled):
         """Who tracks the ZMP best, with the errors."""
         rows = [row for row in self.rows if row.name in _ZMP_ERRORS and row.known_of_all]
         if not rows:
-            return f"{self.title} have no errors of the ZMP to compare"
+            return "No error of the ZMP is judged in every walk"
         where: dict[str, list[str]] = {}
         for row in sorted(rows, key=lambda row: not row.differs):
             pairs = list(zip([side.label for side in self.sides], row.values, strict=True))
@@ -445,8 +445,9 @@ def compare_gaits(
     """Walk two or more gaits and compare them.
 
     Args:
-        gaits: presets or TOML files, one for all walks or one for each; a single walk is compared with
-            `ipm`. If none, it is `normal` or the own gait of another body.
+        gaits: presets or TOML files, one for all walks or one for each. If none, it is `normal` or the own
+            gait of another body. A single walk is compared with the one without its planner, controller and
+            engine; without these with `ipm`.
         settings: ``key=value`` texts for all walks.
         choices: key to its value for all walks, or to one value for each; behind a comma a planner or
             controller has its own options, ``mine:Planner,gain=2``.
@@ -465,18 +466,24 @@ def compare_gaits(
     given: dict[str, Sequence[str | None]] = {"WALK": gaits or [None], **choices}
     count = max(map(len, given.values()))
     if count == 1:
-        given["WALK"], count = [*given["WALK"], "ipm"], 2
+        count = 2
+        if changed := {key: [None, *values] for key, values in choices.items() if key != "body.source"}:
+            given |= changed
+        else:
+            given["WALK"] = [*given["WALK"], "ipm"]
     if {*map(len, given.values())} - {1, count}:
         times = ", ".join(f"{name} {len(values)} times" for name, values in given.items() if len(values) > 1)
         raise InputError(f"{times}: give each one once, or {count} times, once for each walk.")
     alike, requests, labels = len(set(given["WALK"])) == 1, [], []
     for walk in range(count):
         text, *chosen = (values[walk % len(values)] for values in given.values())
-        own = [f"{key}={quoted(absolute(str(name)))}" for key, name in zip(choices, chosen, strict=True)]
+        named = zip(choices, chosen, strict=True)
+        own = [f"{key}={quoted(absolute(name))}" for key, name in named if name is not None]
         request = load_request(text, [*own, *settings], as_is=as_is)
         # With the values that are found; a refused gait is named before the first walk.
         requests.append(plan_walk(request, execution.get("progress")).request)
-        varied = [Path(values[walk]).name for values in choices.values() if alike and len(values) > 1]
+        several = [key for key in choices if alike and len(given[key]) > 1]
+        varied = [Path(str(requests[-1].run.value(key))).name for key in several]
         labels.append(", ".join(varied) or request.name)
     known = [load_uncertainty(file) for file in uncertainty]
     _survived(robustness, count)  # refused before the first walk

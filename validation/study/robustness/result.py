@@ -40,6 +40,7 @@ class Robustness(Tabled):
     """A robustness study."""
 
     gait: str  # its name
+    planner: str  # its name
     body: str  # its name
     controller: str  # its name
     replicas: int  # of each value
@@ -49,9 +50,10 @@ class Robustness(Tabled):
 
     @property
     def title(self) -> str:
-        """Gait, body and controller, and how many walks have to survive."""
+        """Gait, planner, body and controller, and how many walks have to survive."""
         rule = f"survived by {needed(self.replicas)} of {self.replicas} walks"
-        return f"{self.gait}, body {self.body}, controller {self.controller}: {rule}"
+        walker = f"planner {self.planner}, body {self.body}, controller {self.controller}"
+        return f"{self.gait}, {walker}: {rule}"
 
     def survived(self, name: str) -> str:
         """Largest value of a disturbance that was survived, for tables; empty if it was not studied."""

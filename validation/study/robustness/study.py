@@ -162,6 +162,7 @@ def robustness(
         crashes += [f"{cell.name} {cause}" for cause in row.get("crashes", [row["cause"]])]
     found = Robustness(
         gait=request.title,
+        planner=run.gait.planner,
         body=run.body.source,
         controller=run.controller.name,
         replicas=replicas,

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.planner.step_planners import STEP_PLANNERS
+from validation.judge.metrics import METRICS
 from validation.progress import Progress
 from validation.run.walk import timed
 from validation.store.environment import parameter_values
@@ -114,12 +115,17 @@ def _keep_worst(
     rows = [] if definition.recordings == "none" else rows[: definition.worst]
     runs = {names[row]: int(names[row]) for row in rows}
     there: Execution = {**execution, "out": folder / SweepFile.RECORDINGS, "resume": True}
-    kept = keep_runs(definition, runs, **there)
+    kept = keep_runs(definition, found, runs, **there)
     return [f"{SweepFile.RECORDINGS}/{name}" if name in kept else None for name in names]
 
 
-def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpack[Execution]) -> list[str]:
-    """Walk runs of a sweep again, each into a folder of its name with report and recording; those written."""
+def keep_runs(
+    sweep: SweepDefinition, found: SweepTable, runs: Mapping[str, int], **execution: Unpack[Execution]
+) -> list[str]:
+    """Walk runs of a sweep again, each into a folder of its name with report and recording; those written.
+
+    Tells which of them were not written, or did not walk as in the table.
+    """
     folder = study_folder(execution)
     if folder is None or not runs:
         return []
@@ -127,10 +133,16 @@ def keep_runs(sweep: SweepDefinition, runs: Mapping[str, int], **execution: Unpa
         Task(name, keep_run, {"folder": str(folder.resolve() / name), **_options(sweep, run)})
         for name, run in runs.items()
     ]
+    progress, numbers = execution.get("progress") or Progress(), found.table["run"].to_pylist()
     for row in walk_many(tasks, label="recordings", **execution):
+        line, values = numbers.index(runs[row["key"]]), row.get("metrics", {})
         if "reason" in row:
-            progress = execution.get("progress") or Progress()
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
+        elif any(found.numbers(METRICS[name].column)[line] != value for name, value in values.items()):
+            progress.say(
+                f"ampm: {folder / row['key']} is not the walk of the table: a class of its run is not "
+                "deterministic, or the sweep was walked on another machine."
+            )
     return [name for name in runs if (folder / name / SweepFile.REPORT).is_file()]
 
 
