@@ -131,7 +131,7 @@ def source_path(source: str, folder: Path) -> Path:
             f"the body is read from the package {package!r}, which is not installed; {way_out}."
         ) from None
     for file in files:
-        if file.as_posix().endswith(f"/{name}"):
+        if f"/{file.as_posix()}".endswith(f"/{name}"):
             return Path(str(file.locate()))
     raise InputError(f"the package {package} has no file {name!r}; correct source in the body's description.")
 

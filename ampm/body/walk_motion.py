@@ -19,7 +19,7 @@ from ampm.body.robot import Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
 from ampm.geometry import Array, rotations
-from ampm.parameters import RunParameters
+from ampm.parameters import FootParameters, RunParameters
 from ampm.planner.contacts import Phase
 from ampm.planner.support import StepPlan
 
@@ -112,6 +112,8 @@ def _range_limit(
     where = f"footstep {row // _INSTANTS + 3}: at {times[row]:.3f} s {robot.joint_names[joint]}"
     what = f"{where} would pass its range: its angle beyond it"
     less = "shorten the steps about it, put the feet nearer to each other, or raise gait.com_height"
+    if run.foot.swing_height > FootParameters().swing_height:
+        less = "lower foot.swing_height"
     less = _retimed(plan, times[row]) + less
     return Limit(what, "rad", _BEYOND, AT_MOST, "joint_limits", less), float(beyond[row, joint])
 
@@ -136,7 +138,7 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     k = int(walk.gap.argmin())
     when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
     what = f"{at(when)} {walk.parts[k]} come too close: their distance"
-    turn = "turn the toes out, by 0.1 rad for example, or less if they are, "
+    turn = "turn the toes out, by 0.1 rad for example, or in if they are out, "
     less = f"{_retimed(plan, when)}{turn}put the feet further apart" + ", or turn less" * bool(
         np.ptp(contacts.headings)
     )

@@ -316,6 +316,13 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
     """Refuse a foot that lands across the other one; ``first`` is the number of the first footstep."""
     place = np.array([step.position[:2] for step in footsteps])
     heading = np.array([step.heading for step in footsteps])
+    turns = np.abs(np.diff(heading, prepend=0.0 if first == 1 else heading[0]))
+    if not turns.max() <= math.tau:
+        number = int(turns.argmax())
+        raise InputError(
+            f"footstep {number + first} has a heading of {heading[number]:g} rad, over a whole turn from "
+            "that before it, or from 0; give headings in radians."
+        )
     axes = rotations(mean_heading(heading[:-1], heading[1:]))
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
     apart = side * (np.diff(place, axis=0) * axes[:, :, 1]).sum(axis=1)
@@ -328,7 +335,9 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
             value=float(apart[worst]),
             limit=least,
             unit="m",
-            way_out="put it further out on its own side, and give headings in radians",
+            way_out="exchange left and right, or the sign of y"
+            if apart.max() < 0.0
+            else "put it further out on its own side, and give headings in radians",
         )
 
 

@@ -106,10 +106,22 @@ class Ground:
 
         Footsteps of one height that follow each other share a rectangle. Where a lower one would be in it,
         only near ones share one. Its edges are :data:`EDGE` from their soles on the side of lower ones, and
-        half a metre elsewhere. Raises :class:`BodilyRefusal` if footsteps of different heights are too near
-        to each other for an edge.
+        half a metre elsewhere. They lie along the first footstep, or else along another one for which there
+        is room. Raises :class:`BodilyRefusal` if footsteps of different heights are too near to each other
+        for an edge.
         """
-        heading, z = footsteps[0].heading, np.array([step.position[2] for step in footsteps])
+        refusal = None
+        for heading in dict.fromkeys(step.heading for step in footsteps):
+            try:
+                return cls._along(heading, footsteps, sole)
+            except BodilyRefusal as error:
+                refusal = refusal or error
+        raise refusal or ValueError("there are no footsteps")
+
+    @classmethod
+    def _along(cls, heading: float, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
+        """The floor under footsteps, with edges along and across a heading; raises as :meth:`under`."""
+        z = np.array([step.position[2] for step in footsteps])
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
         soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
         starts = np.flatnonzero(np.diff(z, prepend=np.nan))
@@ -175,8 +187,8 @@ def _cut(wide: Array, box: Array, side: tuple[int, int], gap: float, share: floa
 
 
 def _refuse_near(number: int, gap: float, rise: float) -> None:
-    if not gap >= 2.0 * EDGE:
-        near = f"is {gap:.3g} m from" if gap >= 0.0 else f"reaches {-gap:.3g} m under"
+    if not gap >= 2.0 * EDGE - 1e-9:  # for rounding
+        near = f"is {gap:.4g} m from" if gap >= 0.0 else f"reaches {-gap:.3g} m under"
         raise BodilyRefusal(
             f"the sole of footstep {number} {near} one that is {rise:.3g} m higher, and an edge of the floor "
             f"takes {2.0 * EDGE:g} m between them",

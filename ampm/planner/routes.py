@@ -48,7 +48,7 @@ def _beside(frame: Frame, foot: Side, width: float, toe_out: float) -> Footstep:
     x, y, heading = frame
     aside = 0.5 * width if foot == "left" else -0.5 * width
     place = x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0
-    return Footstep(foot, place, heading + math.copysign(toe_out, aside))
+    return Footstep(foot, place, heading + (toe_out if foot == "left" else -toe_out))
 
 
 def straight(steps: int, length: float, width: float) -> list[Footstep]:
@@ -129,9 +129,9 @@ def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
     """Words on an easier walk than a refused one, which ``plan`` accepts; empty without one, or with many."""
     footsteps, width = as_rows(run.footsteps), run.gait.step_width
 
-    def accepted(footsteps: Sequence[Row], share: float) -> bool:
+    def accepted(footsteps: Sequence[Row]) -> bool:
         try:
-            plan(run.replace({}, footsteps=eased(footsteps, share, width)))
+            plan(run.replace({}, footsteps=footsteps))
         except (RefusedGait, InputError):
             return False
         return True
@@ -139,9 +139,16 @@ def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
     if len(footsteps) > _MOST_TRIED:
         return ""
     free = [{key: value for key, value in row.items() if key != "time"} for row in footsteps]
-    if free != footsteps and accepted(free, 1.0):
+    if free != footsteps and accepted(free):
         return "leave out their times"
-    share = next((share for share in (0.875, 0.75, 0.625, 0.5, 0.25) if accepted(footsteps, share)), 0.0)
+    stand = {row["foot"]: row.get("heading", 0.0) for row in footsteps[:2]}
+    toe_out = 0.5 * math.remainder(stand["left"] - stand["right"], math.tau)
+    turned = {"left": -toe_out, "right": toe_out}
+    ahead = [{**row, "heading": row.get("heading", 0.0) + turned[row["foot"]]} for row in footsteps]
+    if toe_out and accepted(ahead):
+        return f"turn the toes of either foot {'in' if toe_out > 0.0 else 'out'} by {abs(toe_out):.3g} rad"
+    shares = (0.875, 0.75, 0.625, 0.5, 0.25)
+    share = next((share for share in shares if accepted(eased(footsteps, share, width))), 0.0)
     kept = "keeps that share of lengths, turns and heights"
     return f"ampm.planner.routes.eased(run.footsteps, {share:g}, {width:.3g}) {kept}" if share else ""
 

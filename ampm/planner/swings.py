@@ -69,7 +69,7 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
         missing[k] = max(float((_OVER - above / lift).max()), 0.0)
         if not missing[k] <= _HIGHEST:
             raise BodilyRefusal(
-                f"footstep {k + 3}: the {steps[k].foot} foot would have to swing {missing[k]:.2g} m higher "
+                f"footstep {k + 3}: the {steps[k].foot} foot would have to swing {missing[k]:.4g} m higher "
                 f"than the gait's to pass the edge of the floor, more than {_HIGHEST:g} m",
                 reason="edge_in_the_way",
                 value=float(missing[k]),
