@@ -1,23 +1,17 @@
 """``ampm body list``, ``new`` and ``check``."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 import typer
 
+from ampm.exceptions import InputError
 from ampm.files import absolute
 from validation.cli import options
 from validation.cli.console import Narrator, print_json, print_line
 from validation.cli.options import JSON, SETTINGS, Status
 from validation.table import Table, format_number, format_value, print_tables, short_unit
-
-if TYPE_CHECKING:
-    from validation.run.body_check import BodyCheck
 
 group = typer.Typer(help="List bodies, describe a new one from its model, and check it.")
 app = typer.Typer()
@@ -45,7 +39,6 @@ def new(
     path: Path = typer.Argument(..., help="Description to write, a new file.", metavar="FILE.toml"),
 ) -> int:
     """Propose the description of a body from its model: root, trunk, feet, knees, sole, joints to lock."""
-    from ampm.exceptions import InputError
     from models.propose import propose
 
     if path.suffix != ".toml":
@@ -73,14 +66,10 @@ def check(
     from validation.run.body_check import check as check_body
 
     found = check_body(absolute(body), tuple(settings or ()), Narrator())
+    status = Status.REFUSED if found.refusal else Status.PASS
     if as_json:
         print_json(asdict(found))
-    else:
-        _print(found, settings or [])
-    return Status.REFUSED if found.refusal else Status.PASS
-
-
-def _print(found: BodyCheck, settings: Sequence[str]) -> None:
+        return status
     facts = [(name, format_number(n), short_unit(unit)) for name, (n, unit) in found.facts.items()]
     tables = [Table(f"body {found.name}", ("quantity", ">value", "unit"), facts, found.notes)]
     if found.torque:
@@ -94,5 +83,6 @@ def _print(found: BodyCheck, settings: Sequence[str]) -> None:
         gait = ", ".join(f"{key} {format_value(value)}" for key, value in found.gait.items())
         print_line(f"  It can walk: {gait}.")
         values = ", ".join(f"{key} {format_value(value)}" for key, value in found.found.items())
-        words = " ".join(["--body", quote(found.name), *(f"--set {quote(text)}" for text in settings)])
+        words = " ".join(["--body", quote(found.name), *(f"--set {quote(text)}" for text in settings or ())])
         print_line(f"  Found for it: {values}. 'ampm validate {words}' walks it.")
+    return status

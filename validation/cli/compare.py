@@ -1,10 +1,7 @@
 """``ampm compare``: gaits, finished runs, or two sweeps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,10 +10,6 @@ from validation.cli import options
 from validation.cli.console import Narrator
 from validation.cli.options import Status, grouped, option
 from validation.store.folders import names_folder
-
-if TYPE_CHECKING:
-    from validation.study.compare.comparison import WalkComparison
-    from validation.study.compare.sweeps import SweepComparison
 
 app = typer.Typer()
 
@@ -66,9 +59,9 @@ def compare(
     parameters, and the exit status tells a regression.
     """
     # Imported here because simulator and measurement are slow to load.
-    from validation.study.compare.comparison import compare_gaits, compare_runs
+    from validation.study.compare.comparison import WalkComparison, compare_gaits, compare_runs
     from validation.study.compare.report import write_comparison
-    from validation.study.compare.sweeps import compare_sweeps
+    from validation.study.compare.sweeps import SweepComparison, compare_sweeps
     from validation.study.many import study_folder
     from validation.study.sweep.table import is_sweep
 

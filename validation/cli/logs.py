@@ -7,10 +7,12 @@ from typing import Any
 
 import typer
 
+from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status, grouped, option
 from validation.cli.validate import print_result, status_of
+from validation.store.folders import check_run_folder
 
 app = typer.Typer()
 
@@ -76,10 +78,8 @@ def judge(
 
     ampm judge runs/walk --profile strict
     """
-    from ampm.exceptions import InputError
     from validation.judge.metrics import added_metrics
     from validation.run.judge_log import judge_log, judge_run
-    from validation.store.folders import check_run_folder
 
     def show(summary: Mapping[str, Any], folder: Path) -> int:
         if result.as_json:

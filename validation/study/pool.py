@@ -32,6 +32,7 @@ from ampm.files import read_text
 from validation.judge.metrics import added_metrics, set_metrics
 from validation.judge.profiles import Profile
 from validation.progress import interruption
+from validation.run.walk import compile_once
 from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
@@ -282,8 +283,6 @@ def _local(workers: int) -> Iterator[Any]:
     from distributed import Client, LocalCluster  # slow to load
 
     if workers > 1:
-        from validation.run.walk import compile_once  # loads simulator and controller
-
         compile_once()
     with hidden_main():  # to the end: a worker that dies is started again
         # Ctrl-C reaches every process of a terminal. Threads and processes that are started here inherit the

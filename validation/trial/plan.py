@@ -32,6 +32,7 @@ from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
 from ampm.section import parse_setting
 from ampm.sensor_parameters import EXACT
+from ampm.walk import Planner, Replanner, WalkPlan
 from validation.progress import Progress
 from validation.trial import users
 from validation.trial.users_plan import check_plan, check_steps
@@ -39,7 +40,6 @@ from validation.trial.users_plan import check_plan, check_steps
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
     from ampm.tune.tuning import Tuned
-    from ampm.walk import Planner, Replanner, WalkPlan
     from models.scene import BodyModel
     from validation.trial.shapes import Shapes
 
@@ -270,7 +270,6 @@ def plan_walk(
     progress = progress or Progress()
     # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner, TablePlanner
-    from ampm.walk import WalkPlan
 
     is_object = planner is not None
     if planner is None:

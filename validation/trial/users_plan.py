@@ -13,15 +13,16 @@ import numpy as np
 
 from ampm.exceptions import RefusedGait
 from ampm.parameters import RunParameters
+from ampm.planner.contacts import Contacts
 from ampm.planner.footstep_walk import REST
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
+from ampm.planner.support import check_contacts
+from ampm.walk import WalkPlan
 from validation.trial.users import real_numbers
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
-    from ampm.planner.contacts import Contacts
-    from ampm.walk import WalkPlan
 
 FOOTSTEP_TOLERANCE, ASIDE = 1e-3, 0.2
 """Distance up to which a planner steps on a footstep, and when it plans again, as a push may ask for [m]."""
@@ -141,9 +142,6 @@ def judged_facts(plan: WalkPlan) -> tuple[Any, ...]:
 
 def check_judged(plan: WalkPlan) -> None:
     """Refuse a plan of a class that says itself what of it is judged, by a ValueError."""
-    from ampm.planner.contacts import Contacts  # imported here: Pinocchio is slow to load
-    from ampm.walk import WalkPlan
-
     names = ("command", "judged_from", "contacts", "constants", "jump_times")
     own = [name for name in names if getattr(type(plan), name, None) is not getattr(WalkPlan, name, None)]
     if plan.command is not None or own or type(plan.contacts) is not Contacts:
@@ -152,8 +150,6 @@ def check_judged(plan: WalkPlan) -> None:
 
 def check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
     """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
-    from ampm.planner.support import check_contacts  # imported here: Pinocchio is slow to load
-
     check_judged(plan)
     state = plan.table([0.0])[0]
     shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}

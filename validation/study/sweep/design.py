@@ -17,6 +17,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
+from scipy.stats import qmc
 
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option, rounded
@@ -26,6 +27,7 @@ from ampm.section import Option, Real, Section, read_toml, unknown
 from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile
 from validation.store.environment import parameter_values
 from validation.trial import users
+from validation.trial.engine import check_drake
 from validation.trial.plan import own_gait
 
 MOST_CASES = 100_000
@@ -114,8 +116,6 @@ class Block(Section):
         """Points of a sampled block in 0 ... 1, shape (count, keys)."""
         if self.count is None:
             return None
-        from scipy.stats import qmc  # takes nearly a second to import
-
         if self.method == "latin_hypercube":
             return qmc.LatinHypercube(d=len(self.keys), rng=generator).random(self.count)
         engine = qmc.Sobol(d=len(self.keys), scramble=True, rng=generator)
@@ -390,8 +390,6 @@ def check_classes(definition: SweepDefinition) -> None:
         for name in definition.values(key):
             users.check_classes(definition.shared[0].replace({**first, key: name}))
     if "drake" in definition.values(ENGINE_KEY):
-        from validation.trial.engine import check_drake  # loads the simulator
-
         check_drake()
 
 
