@@ -4,9 +4,8 @@ Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first.
 heel, ball, tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, Self
 
@@ -32,29 +31,19 @@ class PostureState(NamedTuple):
     tilt_window: Scalar = 0.0
 
 
+@dataclass
 class Field:
-    """One quantity of a reference: one row of the table that :class:`Reference` is.
+    """One quantity of a reference: one row of the table that :class:`Reference` is."""
 
-    Args:
-        shape: at one instant; "nq" and "nv" are the sizes of Pinocchio's configuration and velocity.
-        sample: takes the quantity from :class:`ampm.walk.Instants`, with a leading axis of T.
-        kind: type of its numbers.
-        smooth: whether the stepping stabiliser interpolates it between the rows of a table.
-    """
-
-    def __init__(
-        self,
-        shape: tuple[int | str, ...],
-        sample: Callable[[Any], ArrayLike],
-        kind: type = float,
-        smooth: bool = True,
-    ) -> None:
-        self.shape, self.sample, self.kind, self.smooth = shape, sample, kind, smooth
+    shape: tuple[int | str, ...]  # at one instant; "nq" and "nv" are the sizes of Pinocchio's coordinates
+    sample: Callable[[Any], ArrayLike]  # from :class:`ampm.walk.Instants`, with a leading axis of T
+    kind: type = float  # of its numbers
+    smooth: bool = True  # whether the stepping stabiliser interpolates it between the rows of a table
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def __get__(self, reference: Reference | None, owner: type | None = None) -> Any:
+    def __get__(self, reference: Any, owner: type | None = None) -> Any:
         return self if reference is None else reference.row[self.name]
 
 
@@ -134,8 +123,8 @@ class Reference:
     def __len__(self) -> int:
         return len(self.row)
 
-    def __getitem__(self, ticks: int | slice) -> Reference:
-        return Reference(self.row[ticks])
+    def __getitem__(self, ticks: int | slice) -> Self:
+        return type(self)(self.row[ticks])
 
     @classmethod
     def of(cls, **fields: ArrayLike) -> Self:

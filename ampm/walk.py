@@ -8,8 +8,6 @@ Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first.
 heel, ball, tip.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -69,6 +67,44 @@ class RetimedPosture:
         return self.posture.report()
 
 
+class SampledWalk(NamedTuple):
+    """COM and ZMP, both feet and the posture at T times."""
+
+    plan: PlanSample
+    feet: tuple[FootSample, FootSample]
+    posture: PostureState
+
+    def both_feet(self, name: str) -> Any:
+        """One attribute of :class:`~ampm.planner.feet.FootSample` of both feet, shape (T, 2, ...)."""
+        return np.stack([getattr(foot, name) for foot in self.feet], axis=1)
+
+    def turning(self, order: int) -> Array:
+        """Angular velocity (order 0) or acceleration (1) of both feet, shape (T, 2, 3) [rad/s, rad/s^2]."""
+        return np.stack([foot_turning(foot)[order] for foot in self.feet], axis=1)
+
+
+class Instants(NamedTuple):
+    """What the fields of a reference are taken from, at T ticks."""
+
+    times: Array  # shape (T,) [s]
+    timing: Timing  # look-ahead of the references
+    feet: FeetPlan  # of the plan
+    contact: Flags  # groups in contact, shape (T, 2, 3)
+    jumps: Flags  # whether accelerations jump, shape (T,)
+    now: SampledWalk  # the walk at these times
+    held: SampledWalk  # the walk at the middle of the time for which the tick's command acts
+
+    @property
+    def yaw_moment(self) -> Array:
+        """Rate of the posture's L_z, zero at a single tick, shape (T,) [N m]."""
+        momentum = self.now.posture.angular_momentum_z
+        return np.gradient(momentum, self.times) if len(self.times) > 1 else np.zeros(len(self.times))
+
+    def contact_within(self, span: float) -> Flags:
+        """Contact now or at the end of a time span [s], shape (T, 2, 3)."""
+        return self.contact | self.feet.contact(np.minimum(self.times + span, self.feet.duration))
+
+
 @dataclass(frozen=True)
 class WalkPlan(StepPlan):
     """A complete plan of a walk: COM, ZMP, force, momentum and feet, and a posture.
@@ -109,44 +145,6 @@ class WalkPlan(StepPlan):
     def _sampled(self, times: Array) -> SampledWalk:
         """Everything at times (T,) [s]."""
         return SampledWalk(self.sample(times), self.feet.sample(times), self.posture.sample(times))
-
-
-class SampledWalk(NamedTuple):
-    """COM and ZMP, both feet and the posture at T times."""
-
-    plan: PlanSample
-    feet: tuple[FootSample, FootSample]
-    posture: PostureState
-
-    def both_feet(self, name: str) -> Any:
-        """One attribute of :class:`~ampm.planner.feet.FootSample` of both feet, shape (T, 2, ...)."""
-        return np.stack([getattr(foot, name) for foot in self.feet], axis=1)
-
-    def turning(self, order: int) -> Array:
-        """Angular velocity (order 0) or acceleration (1) of both feet, shape (T, 2, 3) [rad/s, rad/s^2]."""
-        return np.stack([foot_turning(foot)[order] for foot in self.feet], axis=1)
-
-
-class Instants(NamedTuple):
-    """What the fields of a reference are taken from, at T ticks."""
-
-    times: Array  # shape (T,) [s]
-    timing: Timing  # look-ahead of the references
-    feet: FeetPlan  # of the plan
-    contact: Flags  # groups in contact, shape (T, 2, 3)
-    jumps: Flags  # whether accelerations jump, shape (T,)
-    now: SampledWalk  # the walk at these times
-    held: SampledWalk  # the walk at the middle of the time for which the tick's command acts
-
-    @property
-    def yaw_moment(self) -> Array:
-        """Rate of the posture's L_z, zero at a single tick, shape (T,) [N m]."""
-        momentum = self.now.posture.angular_momentum_z
-        return np.gradient(momentum, self.times) if len(self.times) > 1 else np.zeros(len(self.times))
-
-    def contact_within(self, span: float) -> Flags:
-        """Contact now or at the end of a time span [s], shape (T, 2, 3)."""
-        return self.contact | self.feet.contact(np.minimum(self.times + span, self.feet.duration))
 
 
 class Planner(Protocol):

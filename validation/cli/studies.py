@@ -1,7 +1,5 @@
 """``ampm sweep``, ``rank``, ``convergence``, ``robustness`` and ``explain``: many walks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer

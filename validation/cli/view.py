@@ -1,7 +1,5 @@
 """``ampm view``: recordings of runs and of files, in Rerun's viewer."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Sequence

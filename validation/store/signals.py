@@ -3,15 +3,13 @@
 Every column carries its unit, its frame and its meaning in the metadata of its field, from :data:`COLUMNS`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pyarrow as pa
@@ -71,9 +69,9 @@ class Signals(Brief):
         """Start of each step (N,) [s]."""
         return self["time"]
 
-    def take(self, rows: NDArray[np.intp]) -> Signals:
+    def take(self, rows: NDArray[np.intp]) -> Self:
         """Some of the rows, of every column."""
-        return Signals({name: column[rows] for name, column in self.columns.items()})
+        return type(self)({name: column[rows] for name, column in self.columns.items()})
 
     def switches(self) -> NDArray[np.intp]:
         """Rows at which a planned phase begins, the first row included."""
