@@ -80,7 +80,6 @@ def validate(
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
         planned = plan_walk(request, progress)
-    late: BaseException | None = None
     with run_folder(target, force=force) as folder:
         write_inputs(folder, planned)
 
@@ -98,14 +97,14 @@ def validate(
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False
-        if not interruption.pending:
-            try:  # a failure here must not lose the run's folder
-                draw_run(folder, request.name, progress)
-                summary = read_summary(folder)  # with the digest of the recording
-                interruption.check()
-            except (Exception, KeyboardInterrupt) as error:
-                error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
-                late = None if interruption.pending else error  # the command line tells the verdict first
-    if late is not None:
-        raise late
+    if interruption.pending:
+        return summary
+    try:
+        draw_run(target, request.name, progress)
+        summary = read_summary(target)  # with the digest of the recording
+        interruption.check()
+    except (Exception, KeyboardInterrupt) as error:
+        error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")
+        if not interruption.pending:  # else the command line tells the verdict first
+            raise
     return summary
