@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
@@ -125,7 +124,7 @@ class MetricResult:
 
 
 @dataclass(frozen=True)
-class Verdict(Brief):
+class Verdict:
     """Metrics of a run compared with a profile."""
 
     # pass only if every tolerance was judged and met; undecided if all decided tolerances pass, but some are

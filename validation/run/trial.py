@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -44,15 +44,6 @@ class Trial(Tabled):
     seconds: Mapping[str, float]  # wall-clock time of `simulation`, `measurement` and `planning`
     extra: Mapping[str, Any]  # entries of the summary beside the usual ones, such as a controller's name
     uncertainty: Uncertainty | None = None  # of the metrics, from a convergence study
-    verdict: Verdict = field(init=False)  # by the profile; `verdict.passed`: every tolerance is met
-
-    def __post_init__(self) -> None:
-        """Judge the metrics."""
-        scales, ended = self.comparison.scales, self.record.outcome.ending
-        found = judge(
-            self.values, self.profile, scales, self.uncertainty, ended=ended, log=self.extra.get("log")
-        )
-        object.__setattr__(self, "verdict", found)
 
     def __repr__(self) -> str:
         """Gait, steps, outcome and verdict."""
@@ -61,6 +52,12 @@ class Trial(Tabled):
     def __str__(self) -> str:
         """The sentence, and what is out of tolerance."""
         return "\n".join([self.sentence, *(f"  {one.label}: {one.against}" for one in self.verdict.failed)])
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """By the profile; ``verdict.passed``: every tolerance is met."""
+        scales, ended, log = self.comparison.scales, self.record.outcome.ending, self.extra.get("log")
+        return judge(self.values, self.profile, scales, self.uncertainty, ended=ended, log=log)
 
     @property
     def sentence(self) -> str:
