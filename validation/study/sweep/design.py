@@ -99,28 +99,23 @@ class Block(Section):
 
     def cases(self, generator: np.random.Generator) -> list[dict[str, Option]]:
         """Values of all keys, case by case."""
-        unit = self._points(generator)
+        count, keys = self.count or 0, len(self.keys)
+        points = np.empty((0, keys))  # in 0 ... 1, of a sampled block
+        if self.method == "latin_hypercube":
+            points = qmc.LatinHypercube(d=keys, rng=generator).random(count)
+        elif self.method == "sobol":  # balanced for powers of two; other numbers take the first points
+            points = qmc.Sobol(d=keys, scramble=True, rng=generator).random_base2((count - 1).bit_length())
         columns = []
         for number, (key, value) in enumerate(self.keys.items()):
             is_whole = key_info(key).kind == "int"
             if not isinstance(value, Range):
                 columns.append(list(value))
-            elif unit is None:
+            elif self.count is None:
                 columns.append(_spaced(value, is_whole))
             else:
-                columns.append(_scaled(value, is_whole, unit[:, number]))
+                columns.append(_scaled(value, is_whole, points[:count, number]))
         rows = product(*columns) if self.method == "grid" else zip(*columns, strict=True)
         return [dict(zip(self.keys, row, strict=True)) for row in rows]
-
-    def _points(self, generator: np.random.Generator) -> NDArray[np.float64] | None:
-        """Points of a sampled block in 0 ... 1, shape (count, keys)."""
-        if self.count is None:
-            return None
-        if self.method == "latin_hypercube":
-            return qmc.LatinHypercube(d=len(self.keys), rng=generator).random(self.count)
-        engine = qmc.Sobol(d=len(self.keys), scramble=True, rng=generator)
-        # Sobol points are balanced for powers of two; other numbers take the first points.
-        return engine.random_base2((self.count - 1).bit_length())[: self.count]
 
 
 def _spaced(value: Range, is_whole: bool) -> list[Option]:
