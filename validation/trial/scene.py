@@ -52,7 +52,7 @@ def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> 
     for key, more in (("damping", wanted.joint_damping), ("frictionloss", wanted.joint_friction)):
         for joint in root.findall(".//worldbody//joint") if more else ():
             joint.set(key, repr(float(joint.get(key, 0.0)) + more))
-    _change_floor(root, body, wanted, contacts)
+    _change_floor(root, body, run, contacts)
     return replace(body, xml=ElementTree.tostring(root, encoding="unicode"))
 
 
@@ -90,11 +90,9 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
 # ------------------------------------------------------------------------------------------------- the floor
 
 
-def _change_floor(
-    root: ElementTree.Element, body: BodyModel, wanted: DisturbanceParameters, contacts: Contacts
-) -> None:
+def _change_floor(root: ElementTree.Element, body: BodyModel, run: RunParameters, contacts: Contacts) -> None:
     """Move the plane, or replace it by boxes where the floor has edges."""
-    world = next(root.iter("worldbody"))
+    wanted, world = run.disturbance, next(root.iter("worldbody"))
     plane = next(world.iterfind("geom[@name='floor']"))
     sloped = bool(wanted.slope_along or wanted.slope_across)
     if uneven(contacts.footsteps) and (sloped or wanted.step_height):
@@ -111,12 +109,8 @@ def _change_floor(
     if wanted.step_height and len(contacts.footsteps) < 3:
         raise InputError("disturbance.step_height raises a footstep, and the plan has none; leave it out.")
     if wanted.step_height and wanted.step_number > len(contacts.footsteps):
-        raise InputError(
-            f"disturbance.step_number = {wanted.step_number} is not a footstep of the plan; take 3 to "
-            f"{len(contacts.footsteps)}, or 0 as disturbance.step_height.",
-            key="disturbance.step_number",
-            value=wanted.step_number,
-        )
+        way_out = f"take 3 to {len(contacts.footsteps)}, or 0 as disturbance.step_height"
+        raise run.refusal("disturbance.step_number", "is not a footstep of the plan", way_out)
     step = contacts.footsteps[wanted.step_number - 1 if wanted.step_height else 0]
     turn = Rotation.from_euler("z", step.heading).as_matrix()
     feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame

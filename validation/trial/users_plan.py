@@ -3,11 +3,9 @@
 The checks raise a ValueError, which the caller turns into a sentence with the planner's name.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +18,6 @@ from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.support import check_contacts
 from ampm.walk import WalkPlan
 from validation.trial.users import real_numbers
-
-if TYPE_CHECKING:
-    from ampm.body.robot import Robot
 
 FOOTSTEP_TOLERANCE, ASIDE = 1e-3, 0.2
 """Distance up to which a planner steps on a footstep, and when it plans again, as a push may ask for [m]."""
@@ -148,11 +143,11 @@ def check_judged(plan: WalkPlan) -> None:
         raise ValueError("its plan has a command or a judged_from of its own, or contacts of another class")
 
 
-def check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
-    """Refuse a plan that does not fit model and floor, or contradicts its contacts."""
+def check_plan(plan: WalkPlan, run: RunParameters, nq: int, nv: int) -> None:
+    """Refuse a plan that does not fit its floor, or sizes of q and v, or contradicts its contacts."""
     check_judged(plan)
     state = plan.table([0.0])[0]
-    shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
+    shapes = {"q": (nq,), "v": (nv,), "acceleration": (nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
         real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
     check_contacts(plan)
