@@ -329,7 +329,7 @@ class Writer:
             moments = np.linalg.eigvalsh(segment.inertial.inertia)
             if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
                 wrong.append(segment.name)
-        inverse = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
+        empty = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
         loose = [hinges[k].name for k in of_legs if not hinges[k].high - hinges[k].low <= _LARGEST_RANGE]
@@ -342,11 +342,7 @@ class Writer:
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit above 0", f"give it with [body.effort]{of_pairs}"),
             (still, "joints with a speed limit of 0", f"give it with [body.speed]{of_pairs}"),
-            (
-                inverse,
-                "joints whose range is empty",
-                f"give it with [body.range], least angle first{of_pairs}",
-            ),
+            (empty, "joints whose range is empty", f"give it with [body.range], least angle first{of_pairs}"),
             (
                 loose,
                 "joints of a leg without a range, or over two turns",

@@ -37,7 +37,6 @@ _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body w
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
 Sides = Annotated[tuple[str, str], Field(strict=False)]  # also a list
 """Names of left and right."""
-Angles = Mapping[str, Real]
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
 Range = Annotated[tuple[Real, Real], Field(strict=False)]
@@ -65,7 +64,7 @@ class BodyFile(Section, section="body"):
     foot: Sides = Field(description="segments of the left and the right foot")
     knee: Sides = Field(description="joints of the left and the right knee")
     sole: SoleSection = Field(description="outline of a sole")
-    rest: Angles = Field({}, description="angles of trunk and arms at rest, where not 0 [rad]")
+    rest: Mapping[str, Real] = Field({}, description="angles of trunk and arms at rest, where not 0 [rad]")
     lock: Patterns = Field((), description="joints that are welded, as regular expressions")
     balance_inertia: bool = Field(
         False, description="take the mean of the moments of a link where no body could have them"

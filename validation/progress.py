@@ -15,16 +15,10 @@ INTERRUPTED = 130
 
 
 class Interruption:
-    """Flag that a signal sets.
+    """Flag that a signal sets."""
 
-    Attributes:
-        pending: number of signals that are not handled.
-        holding: whether the first signal is deferred until the present work is done; a second one interrupts.
-    """
-
-    def __init__(self) -> None:
-        self.pending = 0
-        self.holding = False
+    pending = 0  # number of signals that are not handled
+    holding = False  # the first signal is deferred until the present work is done; a second one interrupts
 
     def install(self) -> None:
         """Handle Ctrl-C and a termination signal from now on."""

@@ -40,18 +40,15 @@ for group in (validate, studies, compare, view, logs, body, gaits):
     app.add_typer(group.app)
 
 
-def _version(value: bool) -> None:
-    if value:
-        print_line(f"ampm {ampm.__version__}")
-        raise typer.Exit
-
-
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print version."),
+    version: bool = option("--version", "Print version."),
     debug: bool = option("--debug", "Show the traceback of an error; may stand anywhere."),
 ) -> None:
+    if version:
+        print_line(f"ampm {ampm.__version__}")
+        raise typer.Exit
     if context.invoked_subcommand is None:
         print_line(context.get_help())
 

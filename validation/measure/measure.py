@@ -6,6 +6,7 @@ no force and no acceleration of the simulator, so the two disagree as soon as on
 log. Else they agree to what the simulator's contact solver leaves, some nanometres.
 """
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
@@ -118,17 +119,16 @@ def measure(record: SimulationRecord, model: pin.Model, passive: PassiveJoints |
     momentum_rate = rate[:-1, 3:] - moments.sum(axis=1)
     lifted = pushes[:, 2].sum() * dt
     moment = momentum_rate + np.cross(com_pin[:-1], momentum_force)  # about the origin
-    impulse = force[:, 2].sum() * dt
+    impulse, full = force[:, 2].sum() * dt, mass * gravity * record.steps * dt
     gained = momentum[-1, 2] - momentum[0, 2]
+    equations = None
+    if passive is not None and not passive.friction.any():
+        equations = check_equations(record, model, passive)
     checks = SelfChecks(
         com_agreement=_largest(np.linalg.norm(record.com - com_pin, axis=1)),
         angular_momentum_agreement=_largest(np.linalg.norm(turned, axis=1)),
-        impulse_residual=float((impulse + lifted - gained) / (mass * gravity * record.steps * dt) - 1.0)
-        if record.steps
-        else float("nan"),
-        equations=None
-        if passive is None or passive.friction.any()
-        else check_equations(record, model, passive),
+        impulse_residual=float((impulse + lifted - gained) / (full or math.nan) - 1.0),
+        equations=equations,
     )
     return MeasuredGait(
         **soles,

@@ -222,7 +222,6 @@ class ClosedLoop:
         self.physics, self.controller, self.course = physics, controller, course
         self.users_code = UsersCode("controller", controller, walking=True)
         self.done, self.stepped = 0, list[SteppedTick]()
-        self._steps = controller if isinstance(controller, TrackingController) else None
         robot, fault = physics.robot, run.disturbance
         is_faulty = fault.actuation_delay or fault.torque_bias
         self.faults = MotorFaults(run, robot.nu) if is_faulty else None
@@ -346,8 +345,8 @@ class ClosedLoop:
                 raise ValueError(f"{status} is not a QP status")
             if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
                 raise ValueError(self._not_finite())
-        if self._steps is not None and self._steps.stepped is not None:
-            self.stepped.append(self._steps.stepped)
+        if isinstance(self.controller, TrackingController) and self.controller.stepped is not None:
+            self.stepped.append(self.controller.stepped)
         self.course.replan(float(planned["time"]), *self._sensed)
         if self.course.total > self.log.steps:
             self.log.extend(self.course.total)

@@ -128,7 +128,8 @@ def _amount(value: float, unit: str) -> str:
 def judge_sweep(sweep: SweepTable) -> tuple[str, str, str]:
     """Whether every run has a result, and all walks pass: ``pass``, ``fail`` or ``open``; words; sentence."""
     counts, missing = sweep.counts, sweep.planned - len(sweep)
-    walked, passed = sum(counts[state] for state in RunState if state.walked), counts[RunState.PASS]
+    passed, not_walked = counts[RunState.PASS], (RunState.REFUSED, *BROKEN)
+    walked = sum(counts[state] for state in RunState if state not in not_walked)
     sentence = f"{passed:,} of {walked:,} runs that walked met every tolerance."
     if missing:
         sentence += f" {missing:,} of {sweep.planned:,} runs are missing: 'ampm sweep --resume' walks them."

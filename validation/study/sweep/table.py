@@ -74,11 +74,6 @@ class RunState(StrEnum):
         """For people."""
         return self.value.replace("_", " ")
 
-    @property
-    def walked(self) -> bool:
-        """Whether the body moved, so that a failure is the gait's or the controller's."""
-        return self not in (RunState.REFUSED, *BROKEN)
-
 
 LOST = (RunState.FELL, RunState.DIVERGED, RunState.INFEASIBLE, RunState.NOT_MEASURED)
 """Walks without a verdict on their metrics."""
