@@ -48,8 +48,7 @@ with mock.patch.dict(os.environ, MUJOCO_GL="disable"):
 
 REWARDED = ("zmp_x", "zmp_y", "angular_momentum_x", "angular_momentum_y")
 """Signals whose errors make the reward."""
-_MARGIN = 10.0
-"""Largest error of a signal without a limit on single instants, in limits of the RMSE [1]."""
+_MARGIN = 10.0  # largest error of a signal without a limit on single instants, in limits of the RMSE [1]
 
 
 def load(

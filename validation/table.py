@@ -25,14 +25,10 @@ BODY_WEIGHT = "% BW"
 """Percent of body weight, short for tables."""
 USED = ">used"
 """Header of a column of percentages that a page also shows as bars."""
-_DECIMALS = 6
-"""Most decimals of a number with its uncertainty."""
-_LONG = 34
-"""Characters from which a cell may break its line, whatever it holds."""
-_PARAGRAPH = 70
-"""Characters from which LaTeX breaks the lines of a column."""
-_FILE_WIDTH = 160
-"""Columns of a table that is written to a file or a pipe."""
+_DECIMALS = 6  # most decimals of a number with its uncertainty
+_LONG = 34  # characters from which a cell may break its line, whatever it holds
+_PARAGRAPH = 70  # characters from which LaTeX breaks the lines of a column
+_FILE_WIDTH = 160  # columns of a table that is written to a file or a pipe
 
 _TEX = {
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},

@@ -26,8 +26,7 @@ CLEARANCE_ROWS = 2
 """Clearance is measured at every second state on disk, so every 20 ms: at 10 m/s^2 half a millimetre is
 lost."""
 
-_TILTED = 0.5
-"""Tilt of pelvis or trunk that is warned of [rad]."""
+_TILTED = 0.5  # tilt of pelvis or trunk that is warned of [rad]
 
 
 def tilt_warnings(tilt: float | None, where: str) -> list[str]:

@@ -24,8 +24,7 @@ from validation.store.json import write_json
 from validation.table import ABSENT, Table, Tabled, format_number, short_unit, with_uncertainty
 
 _FILES = ("fit.json", "gait.toml", "report.html")
-_STATURE = 1.70 / 0.865
-"""Stature of the human body over the height of its COM [1]."""
+_STATURE = 1.70 / 0.865  # stature of the human body over the height of its COM [1]
 _LONGEST = 1.5  # step, in heights of the COM: both feet stand at its ends
 _LIGHTEST = 15.0  # mass over the cube of H [kg/m^3]: people have 90, robots 60 to 300
 

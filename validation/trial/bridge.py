@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from ampm.geometry import Array
 from validation.trial.coordinates import PassiveJoints
 
-_ALIGNED = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-"""Hinges about an axis of their frame."""
+_ALIGNED = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)  # hinges about an axis of their frame
 
 
 def rotation(quaternion_wxyz: ArrayLike) -> Array:

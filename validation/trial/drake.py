@@ -28,8 +28,7 @@ logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.
 
 _RIGID = 1e25
 """Stiffness of the floor [N/m]: that of a contact is the sole point's. Infinity would give NaN."""
-_LARGEST = 1e10
-"""Largest number in a state that MuJoCo steps."""
+_LARGEST = 1e10  # largest number in a state that MuJoCo steps
 _ZERO = np.zeros(3)
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 

@@ -69,8 +69,7 @@ class Request:
         return gait_title(self.name, self.changed)
 
 
-_SHOWN = ("gait.steps", "gait.planner")
-"""Keys that a run's title names by themselves."""
+_SHOWN = ("gait.steps", "gait.planner")  # keys that a run's title names by themselves
 
 
 def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:

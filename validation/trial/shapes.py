@@ -19,8 +19,7 @@ from validation.trial.coordinates import to_mujoco
 
 REACH = 0.1
 """Largest distance that is computed [m]."""
-_SHORT = 0.05
-"""Length of a segment between hinges of one joint, over the height of the body [1]."""
+_SHORT = 0.05  # length of a segment between hinges of one joint, over the height of the body [1]
 TRUNK = 0
 """Number of the trunk; limbs are numbered from 1."""
 

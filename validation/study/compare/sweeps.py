@@ -22,8 +22,7 @@ TOLERANCE = 0.1
 """Share of its limit by which a metric may grow before that is a regression [1]."""
 KINDS = ("newly failing", "worse", "missing")
 """Regressions of a run. What got better is found by the two sweeps in the other order."""
-_SHOWN = 100
-"""Rows of the table of runs that are shown."""
+_SHOWN = 100  # rows of the table of runs that are shown
 
 
 @dataclass(frozen=True)
