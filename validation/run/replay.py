@@ -29,11 +29,10 @@ from validation.store.saved import SavedRun, load_saved_run
 from validation.store.signals import Signals
 from validation.trial.disturbances import Plant, Recorded, release
 from validation.trial.files import RunFile
-from validation.trial.log import RunLog
+from validation.trial.log import RunLog, keep_step
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import Body
 from validation.trial.record import SimulationRecord
-from validation.trial.step import keep_step
 
 _CONSTANTS = ("mass", "gravity", "time_step", "friction")
 _ROUNDING = 1e-12  # of the sum of the parts of the ZMP error [m], or in shares of their size

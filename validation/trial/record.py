@@ -178,7 +178,7 @@ class SimulationRecord:
         """Torques of some steps, shape (n, nu) [N m]."""
         ticks, since = np.divmod(np.minimum(np.asarray(rows, dtype=np.intp), self.steps - 1), self.substeps)
         torque = self.tick_torque[ticks]
-        for part in blocks(len(ticks) if since.any() else 0):  # as end_step of validation.trial.step does it
+        for part in blocks(len(ticks) if since.any() else 0):  # as end_step of validation.trial.log does it
             rate, limit = self.torque_rate[ticks[part]], self.torque_limit
             moved = np.clip(torque[part] + (since[part] * self.time_step)[:, None] * rate, -limit, limit)
             goes_on = ~np.isnan(rate) & (since[part] > 0)[:, None]

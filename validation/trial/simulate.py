@@ -28,7 +28,7 @@ from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
 from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, pushes_of, release
 from validation.trial.followed import Followed, Stepped
-from validation.trial.log import RunLog
+from validation.trial.log import RunLog, act, end_step, sense
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
@@ -36,7 +36,6 @@ from validation.trial.readings import Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
-from validation.trial.step import act, end_step, sense
 from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.users_plan import judged_facts
