@@ -38,7 +38,8 @@ from tests.test_body_files import read as read_body
 from tests.test_table import planned, read, table_of
 from validation.cli.app import Status
 from validation.measure.log import read_log
-from validation.store.summary import SUMMARY, read_json
+from validation.store.json import read_json
+from validation.store.saved import SUMMARY
 from validation.study.row_file import RowFile
 from validation.study.sweep.design import check_classes
 from validation.trial.disturbances import Push

@@ -19,7 +19,7 @@ from tests.test_replan import Replanning
 from validation.judge.log import whole_strides
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
-from validation.measure.columns import UNITS
+from validation.measure.log import UNITS
 from validation.run.walk import walk_planned
 from validation.store.tables import write_columns
 from validation.trial.plan import load_request, plan_walk

@@ -11,8 +11,7 @@ from pydantic import NonNegativeFloat, create_model
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from validation.store.environment import parameter_values
-from validation.store.json import json_ready
-from validation.store.summary import read_json
+from validation.store.json import json_ready, read_json
 from validation.trial.plan import Request
 
 CONVERGENCE_FILE = "convergence.json"

@@ -18,8 +18,7 @@ from validation.judge.log import find_place, find_start, mean_stride, steps_besi
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
-from validation.measure.columns import NAMES, map_columns
-from validation.measure.log import Log, log_record, measure_log, read_log
+from validation.measure.log import NAMES, Log, log_record, map_columns, measure_log, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -55,7 +54,7 @@ def judge_log(
         table: CSV or Parquet file, columns by name (:mod:`validation.measure.log`), or the folder of a run.
         plan: parameters, preset, TOML file, folder of a run, or table of a plan.
         columns: sources of columns that have other names or units, see
-            :func:`validation.measure.columns.map_columns`.
+            :func:`validation.measure.log.map_columns`.
         settings: ``key=value`` texts that change the plan, not with parameters.
         start: time in the log at which the plan begins [s]; found if None.
         place: what to add to x and y of the log [m]; if None its mean ZMP becomes the plan's.

@@ -20,9 +20,8 @@ from validation.show.page import render_page
 from validation.show.paper import cite_run
 from validation.show.run_figures import RunFigures, strides
 from validation.store.folders import output_file
-from validation.store.json import dump_json
+from validation.store.json import dump_json, read_json
 from validation.store.saved import SavedRun, load_saved_run, run_events
-from validation.store.summary import read_json
 from validation.table import Table, format_number, short_unit
 from validation.trial.files import RunFile
 from validation.trial.outcome import SENTENCES, OutcomeName

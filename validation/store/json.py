@@ -1,4 +1,4 @@
-"""JSON that every reader accepts: no NaN, no infinity."""
+"""JSON that every reader accepts, without NaN and infinity; and JSON read as a type."""
 
 import json
 import math
@@ -7,6 +7,8 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from ampm.exceptions import InputError
+from ampm.files import read_text
 from validation.store.folders import output_file
 
 
@@ -44,3 +46,25 @@ def write_json(path: Path, value: Any) -> None:
     """Write a nested value as JSON, see :func:`json_ready`; whole or not at all."""
     with output_file(path) as work:
         work.write_text(dump_json(value) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
+    """Contents of a JSON file as they are, and as a type, which has all that is read of them.
+
+    An :class:`InputError` names the first entry of another type and the way out.
+    """
+    from pydantic import TypeAdapter, ValidationError  # slow to load
+
+    try:
+        found = json.loads(read_text(path))
+        return found, TypeAdapter(kind).validate_python(found)
+    except ValidationError as error:
+        first = error.errors()[0]
+        named = (str(part) for part in first["loc"] if part not in ("float", "str"))  # not pydantic's types
+        where = ".".join(named) or "the file"
+        what = first["msg"].lower().removeprefix("input ")
+        raise InputError(f"{path} is damaged: {where}: {what}; {way_out}.") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
+    except OSError:
+        raise InputError(f"{path} is missing; {way_out}.") from None

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, create_model
 
 from ampm.description import BodyDescription
 from ampm.exceptions import AmpmError, InputError
@@ -26,17 +26,22 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
 from ampm.run_file import load_run
-from validation.store.json import dump_json, write_json
+from validation.store.json import dump_json, read_json, write_json
 from validation.store.metric_table import metric_table, summary_title, walk_sentence
 from validation.store.record import RECORD_FILES, load_record, read_header
 from validation.store.signals import Signals, load_signals
-from validation.store.summary import SUMMARY, read_json
 from validation.table import Table, Tabled
 from validation.trial.files import RunFile
 from validation.trial.record import FEET, SimulationRecord
 
 DESCRIPTION = TypeAdapter(BodyDescription)
 """Writes and reads the description of a body."""
+_ENTRIES = (
+    "outcome steps_completed end verdict reason profile gait metrics timing statistics zmp_error_split "
+    "effort margins energy solver scales environment files"
+)
+SUMMARY: Any = create_model("Summary", **dict.fromkeys(_ENTRIES.split(), Any))  # type: ignore[call-overload]
+"""What every summary has; others are free. Its own digest answers for the values."""
 _NEEDED = (RunFile.RUN, RunFile.MODEL, RunFile.BODY, RunFile.SIGNALS, RunFile.SUMMARY)
 
 

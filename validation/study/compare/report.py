@@ -21,9 +21,8 @@ from validation.show.paper import cite_run
 from validation.show.run_figures import middle, middle_name, shade_double_support, strides
 from validation.show.style import INK, PARTS
 from validation.store.folders import output_file
-from validation.store.json import write_json
+from validation.store.json import read_json, write_json
 from validation.store.saved import load_saved_run
-from validation.store.summary import read_json
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
 from validation.study.compare.sweeps import SweepComparison
 from validation.study.robustness.result import Robustness

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
-from validation.store.json import json_ready
-from validation.store.summary import read_json
+from validation.store.json import json_ready, read_json
 from validation.study.robustness.cells import DURATION, Cell
 from validation.table import Table, Tabled
 
