@@ -10,15 +10,14 @@ import pytest
 from ampm.run_file import load_run
 from tests.saved_run import make_study
 from validation.cli.app import Status, call
-from validation.judge.metric import DEFAULT_BODY
+from validation.judge.metrics import DEFAULT_BODY
 from validation.judge.profiles import DEFAULT
 from validation.judge.uncertainty import CONVERGENCE_FILE, load_uncertainty, matching
 from validation.judge.verdict import VerdictName
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready, write_json
 from validation.study.convergence import study as convergence
-from validation.study.convergence.order import CONFIRMED, estimate
-from validation.study.convergence.result import OWN
+from validation.study.convergence.result import CONFIRMED, OWN, estimate
 from validation.study.convergence.study import runs_of, studies
 from validation.study.row_file import ROWS
 from validation.trial.plan import load_request

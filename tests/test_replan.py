@@ -19,8 +19,7 @@ from validation.judge.signals import signals_table
 from validation.measure.measure import measure
 from validation.store.record import load_record, read_table, save_record
 from validation.store.signals import COLUMNS
-from validation.trial.followed import JUDGED_LEAD, LEADS
-from validation.trial.frozen_plan import PlanRows
+from validation.trial.followed import JUDGED_LEAD, LEADS, PlanRows
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, make_body, plan_walk
 from validation.trial.references import References

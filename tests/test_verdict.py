@@ -16,16 +16,14 @@ from ampm import load_run, preset_names
 from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import PARTS, RUN, compare
-from validation.judge.metric import DEFAULT_BODY
-from validation.judge.metrics import evaluate
+from validation.judge.metrics import DEFAULT_BODY, evaluate
 from validation.judge.profiles import DEFAULT, STRICT, Profile, find_profile, own_profile
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
 from validation.store.signals import COLUMNS, load_signals, save_signals
 from validation.trial.disturbances import Push
-from validation.trial.followed import Followed
-from validation.trial.frozen_plan import FrozenPlan
+from validation.trial.followed import Followed, FrozenPlan
 from validation.trial.outcome import Outcome, OutcomeName
 
 

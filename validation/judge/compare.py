@@ -24,8 +24,7 @@ from ampm.walk import WalkPlan
 from validation.judge.margins import energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
 from validation.table import own_rows
-from validation.trial.followed import LEADS, Followed
-from validation.trial.frozen_plan import FrozenPlan, PlanRows
+from validation.trial.followed import LEADS, Followed, FrozenPlan, PlanRows
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
 from validation.trial.unplanned import heading_velocity, measured_supports

@@ -17,8 +17,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.closed_form import LIPM
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
-from validation.judge.metric import FOOT_LENGTH, FOOT_MOMENTUM, size_in_si
-from validation.judge.metrics import METRICS, Metric
+from validation.judge.metrics import FOOT_LENGTH, FOOT_MOMENTUM, METRICS, Metric, size_in_si
 from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 

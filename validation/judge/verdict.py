@@ -12,8 +12,7 @@ from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
 from validation.judge.compare import SIGNALS, Comparison
-from validation.judge.metric import display_unit
-from validation.judge.metrics import METRICS, added_metrics
+from validation.judge.metrics import METRICS, added_metrics, display_unit
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.store.json import json_ready

@@ -15,7 +15,7 @@ from ampm.planner.periodic import plan
 from ampm.run_file import load_run
 from validation.judge.compare import SIGNALS
 from validation.judge.fit import CONFIDENCE, MODELS, Constant, Scores, Strides, constants, cut_strides, scores
-from validation.judge.metric import display_unit
+from validation.judge.metrics import display_unit
 from validation.measure.log import read_log
 from validation.run.judge_log import log_columns
 from validation.show.fit import fit_page

@@ -5,8 +5,7 @@ from typing import Any
 
 from ampm.body.limits import ROLL_TOLERANCE
 from validation.judge.margins import tilt_warnings
-from validation.judge.metric import Metric, display_unit
-from validation.judge.metrics import METRICS, cost_entry
+from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
 from validation.table import ABSENT, USED, Table, format_number, format_share, own_rows, short_unit
 
 COSTS = {row["metric"]: row for row in own_rows("show/costs.csv")}

@@ -7,7 +7,7 @@ import numpy as np
 from ampm.geometry import Array
 from validation.judge.compare import SIGNALS
 from validation.judge.fit import EXPLAINED, Strides, explained
-from validation.judge.metric import display_unit
+from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, Picture, new_charts, numbered
 from validation.show.page import render_page
 from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE

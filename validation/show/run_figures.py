@@ -12,7 +12,7 @@ from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.judge.compare import PARTS as CAUSES
 from validation.judge.compare import SIGNALS
-from validation.judge.metric import display_unit
+from validation.judge.metrics import display_unit
 from validation.show.chart import DASHED, WIDTH, Chart, Picture, decimate, new_charts, numbered, text_width
 from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES, Curve
 from validation.show.style import BAD, COMMAND, FAINT, GOOD, INK, LEFT, MEASURED, PARTS, PLAN, RIGHT, SHADE

@@ -12,8 +12,7 @@ from ampm.planner.contacts import TIME_TOLERANCE, Contacts
 from ampm.planner.support import check_contacts
 from ampm.reference import Reference, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
-from validation.trial.followed import LEADS
-from validation.trial.frozen_plan import FrozenPlan
+from validation.trial.followed import LEADS, FrozenPlan
 from validation.trial.physics import Physics
 from validation.trial.users import UsersCode, planner_problem, replan_period
 from validation.trial.users_plan import ASIDE, check_duration, check_footsteps, check_judged

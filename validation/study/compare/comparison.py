@@ -20,8 +20,16 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.files import absolute, quoted
 from validation.judge.compare import PARTS
-from validation.judge.metric import BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM, display_unit, size_in_si
-from validation.judge.metrics import METRICS, added_metrics, cost_entry
+from validation.judge.metrics import (
+    BODY_WEIGHT,
+    FOOT_LENGTH,
+    FOOT_MOMENTUM,
+    METRICS,
+    added_metrics,
+    cost_entry,
+    display_unit,
+    size_in_si,
+)
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, cost_limit, cost_unit

@@ -12,7 +12,7 @@ from pydantic import create_model
 
 from ampm.exceptions import InputError
 from validation.judge.compare import SIGNALS
-from validation.judge.metric import display_unit
+from validation.judge.metrics import display_unit
 from validation.judge.uncertainty import Uncertainty
 from validation.run.trial import draw_run
 from validation.show.chart import DASHED, Picture, decimate, new_charts, numbered

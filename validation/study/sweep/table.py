@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
-from validation.judge.metric import display_unit
-from validation.judge.metrics import METRICS
+from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Tolerance
 from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
 from validation.study.row_file import ROWS, Row, read_rows
