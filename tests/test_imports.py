@@ -72,7 +72,7 @@ loading = {'FootstepPlanner', 'PeriodicPlanner', 'TablePlanner', 'TrackingContro
 run = ampm.load_run('momentum', gait={'c_y': 0.6, 'steps': 10})
 assert ampm.plan(run).sample([0.1, 0.2]).zmp.shape == (2, 2)
 """
-MEASUREMENT = "validation.measure.measure, validation.measure.equations, validation.measure.log"
+MEASUREMENT = "validation.measure.measure, validation.measure.log"
 BLIND = "ampm.planner.periodic ampm.planner.pendulum ampm.planner.feet ampm.body.motion".split()
 BLIND += "mujoco dm_control pydrake models".split()
 """Nothing that measures a walk loads these."""

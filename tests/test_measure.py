@@ -10,8 +10,7 @@ from tests.saved_run import walked
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.judge.built_in import rms
-from validation.measure.equations import Equations, check_equations
-from validation.measure.measure import centre_of_pressure, measure
+from validation.measure.measure import Equations, centre_of_pressure, check_equations, measure
 from validation.trial import bridge
 from validation.trial.coordinates import PassiveJoints
 

@@ -12,8 +12,7 @@ from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import UNSOLVED, PostureState, WalkPlan
 from tests.records import blank
-from validation.measure.equations import Equations
-from validation.measure.measure import MeasuredGait, SelfChecks, centre_of_pressure
+from validation.measure.measure import Equations, MeasuredGait, SelfChecks, centre_of_pressure
 from validation.run.trial import Trial
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.record import SimulationRecord

@@ -190,6 +190,10 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         raise InputError(f"{name} has no {error.args[0]}; it needs {NEEDED}; it has {have}.") from None
     except ValueError as error:
         raise InputError(f"{name}: invalid sensor quaternion ({error}).") from None
+    for key in ("com", "angular_momentum"):
+        for axis, values in zip("xy", signals[key].T if key in signals else (), strict=False):
+            if np.nanmax(values) == np.nanmin(values):
+                raise InputError(f"{name}: {key}_{axis} is the same in all rows; leave out its columns.")
     _check_units(signals, name, weight)
     _check_force_line(signals, name, weight)
     _check_sides(signals, name, weight)
@@ -334,13 +338,10 @@ def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None
 
 
 def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) -> None:
-    """Refuse a COM that does not move, is not above the floor, or is too far from the ZMP."""
+    """Refuse a COM that is not above the floor, or is too far from the ZMP."""
     if not {"com", "zmp"} <= signals.keys():
         return
     com, zmp = signals["com"], signals["zmp"]
-    for axis, moves in zip("xy", np.nanmax(com, axis=0) > np.nanmin(com, axis=0), strict=False):
-        if not moves:
-            raise InputError(f"{name}: com_{axis} is the same in all rows; leave the columns of com out.")
     stands = signals["force"][:, 2] >= LEAST_SUPPORT * weight
     height = com[:, 2] - signals.get("floor", 0.0)
     middle = float(np.nanmedian(height))
@@ -366,13 +367,7 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
 
 
 def _check_momentum(signals: Mapping[str, Array], time: Array, name: str) -> None:
-    """Refuse an angular momentum that is constant, or does not change as the moment of the force says."""
-    horizontal = signals["angular_momentum"][:, :2] if "angular_momentum" in signals else np.empty((0, 2))
-    for column, values in zip("xy", horizontal.T, strict=True):
-        if values.size and np.nanmax(values) == np.nanmin(values):
-            raise InputError(
-                f"{name}: angular_momentum_{column} is the same in all rows; leave out its columns."
-            )
+    """Refuse an angular momentum that does not change as the moment of the force says."""
     if not {"com", "zmp", "angular_momentum"} <= signals.keys():
         return
     height = signals["com"][:, 2] - signals.get("floor", 0.0)
