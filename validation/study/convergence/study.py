@@ -41,23 +41,18 @@ def studies(run: RunParameters) -> list[Study]:
         key, ratio, values = row["key"], float(row["ratio"] or 0.0), row["values"].split()
         if ratio:  # Rounded, so that a tenth of 5e-5 is written as 5e-6.
             levels = tuple(float(f"{own[key] / ratio**level:.15g}") for level in range(LEVELS))
-        else:
-            is_factor = key != ENGINE_KEY
-            levels = _possible(run, key, [float(text) * own[key] if is_factor else text for text in values])
+        else:  # those that the model can have; of an engine those that are installed
+            possible = [own[key]]
+            for text in values:
+                value = text if key == ENGINE_KEY else float(text) * own[key]
+                with suppress(InputError):
+                    changed = run.replace({key: value})
+                    if changed.simulation.engine == "drake":
+                        check_drake(changed)
+                    possible.append(value)
+            levels = tuple(dict.fromkeys(possible))
         found.append(Study(row["name"], key, levels, ratio))
     return [study for study in found if len(study.values) > 1]
-
-
-def _possible(run: RunParameters, key: str, values: Sequence[Any]) -> tuple[Any, ...]:
-    """The own value of a key, and others that the model can have; of an engine those that are installed."""
-    found = [parameter_values(run)[key]]
-    for value in values:
-        with suppress(InputError):
-            changed = run.replace({key: value})
-            if changed.simulation.engine == "drake":
-                check_drake(changed)
-            found.append(value)
-    return tuple(dict.fromkeys(found))
 
 
 def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParameters]:

@@ -56,9 +56,15 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
     found = SweepTable(build_table(definition, rows), folder, definition.name)
     if folder is None:
         return found
-    kept = pa.array(_keep_worst(definition, found, folder, execution), pa.string())
+    passed, names = found.is_state(RunState.PASS), found.words("name")
+    worst = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
+    runs = {names[row]: int(names[row]) for row in worst[: definition.worst]}
+    there: Execution = {**execution, "out": folder / SweepFile.RECORDINGS, "resume": True}
+    written = keep_runs(definition, {} if definition.recordings == "none" else runs, **there)
+    kept = [f"{SweepFile.RECORDINGS}/{name}" if name in written else None for name in names]
     column = found.table.schema.get_field_index("recording")
-    found = replace(found, table=found.table.set_column(column, found.table.field(column), kept))
+    table = found.table.set_column(column, found.table.field(column), pa.array(kept, pa.string()))
+    found = replace(found, table=table)
     with output_file(folder / SweepFile.RESULTS) as file:
         pq.write_table(found.table, file, compression="zstd")
     write_json(folder / SweepFile.SUMMARY, found.as_dict())
@@ -104,19 +110,6 @@ def walk_run(**options: Any) -> Row:
         raise UsersError(trial.record.outcome.cause)
     requested, found = (parameter_values(run) for run in (options["request"].run, trial.run))
     return {**{key: found[key] for key in found if found[key] != requested[key]}, **walk_columns(trial)}
-
-
-def _keep_worst(
-    definition: SweepDefinition, found: SweepTable, folder: Path, execution: Execution
-) -> list[str | None]:
-    """Keep the folders of the worst runs, or of the worst failures; returns the column ``recording``."""
-    passed, names = found.is_state(RunState.PASS), found.words("name")
-    rows = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
-    rows = [] if definition.recordings == "none" else rows[: definition.worst]
-    runs = {names[row]: int(names[row]) for row in rows}
-    there: Execution = {**execution, "out": folder / SweepFile.RECORDINGS, "resume": True}
-    kept = keep_runs(definition, found, runs, **there)
-    return [f"{SweepFile.RECORDINGS}/{name}" if name in kept else None for name in names]
 
 
 def keep_runs(
