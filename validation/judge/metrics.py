@@ -108,6 +108,12 @@ def display_unit(unit: str, weight: Any) -> tuple[Any, str]:
 BODY_WEIGHT, FOOT_LENGTH, FOOT_MOMENTUM = "body weight", "foot length", "foot momentum"
 """Units of limits that grow with the body: its weight [N], the length L of its foot [m], and the angular
 momentum m (g L^3)^1/2 [N m s]."""
+SIZES = {
+    "m": (FOOT_LENGTH, "% of foot"),
+    "N": (BODY_WEIGHT, "% of body weight"),
+    "N m s": (FOOT_MOMENTUM, "% of m√(gL³)"),
+}
+"""Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
 DEFAULT_BODY: Mapping[str, float] = MappingProxyType({"body_weight": 60.0 * GRAVITY, "foot_length": 0.258})
 """Weight [N] and length of a foot [m] of the default body, for which limits in m and N m s are listed."""
 

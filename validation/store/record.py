@@ -100,7 +100,17 @@ def load_record(directory: Path) -> SimulationRecord:
     files = [*RECORD_FILES, *([RunFile.EXTERNAL] if header.get("external_segments") else [])]
     tables = {file: read_table(directory / file) for file in files}
     try:
-        constants = _constants(header)
+        constants: dict[str, Any] = {}
+        for name in CONSTANTS:
+            value = header[name]
+            if name in SHAPES:
+                row = map(int, SHAPES[name].split()[1:])
+                constants[name] = np.array(value, dtype=INTEGERS.get(name, np.float64)).reshape(-1, *row)
+            elif name in ("mass", "gravity", "time_step", "friction"):
+                constants[name] = math.nan if value is None else float(value)
+            else:
+                constants[name] = tuple(value) if isinstance(value, list) else value
+        constants["outcome"] = Outcome(**header["outcome"])
         steps, substeps, dt = int(header["steps"]), int(header["substeps"]), constants["time_step"]
         arrays: dict[str, Any] = {name: None for name in SHAPES if name not in constants}
         arrays["time"] = np.arange(steps + 1, dtype=np.float64) * dt
@@ -135,21 +145,6 @@ def read_header(directory: Path) -> dict[str, Any]:
             "walk the gait again, or use the version that wrote it."
         )
     return header
-
-
-def _constants(header: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a :class:`SimulationRecord` that are in its header."""
-    found: dict[str, Any] = {}
-    for name in CONSTANTS:
-        value = header[name]
-        if name in SHAPES:
-            shape = map(int, SHAPES[name].split()[1:])
-            found[name] = np.array(value, dtype=INTEGERS.get(name, np.float64)).reshape(-1, *shape)
-        elif name in ("mass", "gravity", "time_step", "friction"):
-            found[name] = math.nan if value is None else float(value)
-        else:
-            found[name] = tuple(value) if isinstance(value, list) else value
-    return found | {"outcome": Outcome(**header["outcome"])}
 
 
 def read_table(path: Path, *, only_schema: bool = False) -> Any:

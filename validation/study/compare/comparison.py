@@ -20,16 +20,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.files import absolute, quoted
 from validation.judge.compare import PARTS
-from validation.judge.metrics import (
-    BODY_WEIGHT,
-    FOOT_LENGTH,
-    FOOT_MOMENTUM,
-    METRICS,
-    added_metrics,
-    cost_entry,
-    display_unit,
-    size_in_si,
-)
+from validation.judge.metrics import METRICS, SIZES, added_metrics, cost_entry, display_unit, size_in_si
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, cost_limit, cost_unit
@@ -51,12 +42,6 @@ At half the time step, judged errors of the presets change by 39 % of the smalle
 ``pitch-low``; RMS errors of the ZMP 13 %, largest errors 32 %). ``costs.csv`` has those of costs.
 """
 JUDGED, COST, OWN = "judged metrics", "cost", "own metrics without a limit"
-_SIZES = {
-    "m": (FOOT_LENGTH, "% of foot"),
-    "N": (BODY_WEIGHT, "% of body weight"),
-    "N m s": (FOOT_MOMENTUM, "% of m√(gL³)"),
-}
-"""Unit to the size of which bodies that differ are compared in shares, and its name in tables."""
 _ZMP_ERRORS = frozenset(f"zmp_{place}{axis}_rmse" for place in ("", "foot_") for axis in "xy")
 _OF_RUN = ("disturbance.", "sensors.")  # disturbances by keys of the run, which its study has, too
 
@@ -314,8 +299,8 @@ class WalkComparison(Tabled):
     def shown(self, name: str, unit: str, side: Side) -> tuple[float, str]:
         """Factor from a metric's SI unit, and the unit in which tables show it: a share if bodies differ."""
         scales = side.run.summary["scales"]
-        if self.unlike and unit in _SIZES:
-            size, share = _SIZES[unit]
+        if self.unlike and unit in SIZES:
+            size, share = SIZES[unit]
             return 100.0 / float(size_in_si(size, scales)), short_unit(share)
         weight = scales["body_weight"]
         scale, unit = cost_unit(METRICS[name], weight) if name in COSTS else display_unit(unit, weight)
