@@ -18,15 +18,7 @@ from typing import TYPE_CHECKING, Any
 from ampm.body.motion import PeriodicPosture, WholeBodyMotion
 from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
-from ampm.parameters import (
-    HUMAN,
-    NO_PLAN,
-    OPEN_KEYS,
-    OPTION_TABLES,
-    BodyParameters,
-    CommandParameters,
-    RunParameters,
-)
+from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, OPTION_TABLES, CommandParameters, RunParameters
 from ampm.planner.periodic import plan_gait
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
@@ -275,7 +267,7 @@ def plan_walk(
         planner = users.load_planner(run.gait.planner, run.planner.options)
         if run.footsteps and run.gait.planner == "ampm":
             planner = FootstepPlanner()
-            human = run.body.source == HUMAN and run.body.height == BodyParameters().height
+            human = run.body.source == HUMAN and run.body.height == key_info("body.height").default
             if not human and leaves_open(run):  # height and feet of its own gait
                 request = tune_walk(replace(request, run=run.replace({}, footsteps=())), progress).request
                 request = replace(request, run=request.run.replace({}, footsteps=run.footsteps))
