@@ -60,7 +60,7 @@ def sweep(definition: SweepDefinition | str | Path, **execution: Unpack[Executio
     worst = [row for row in found.worst if definition.recordings == "worst" or not passed[row]]
     runs = {names[row]: int(names[row]) for row in worst[: definition.worst]}
     there: Execution = {**execution, "out": folder / SweepFile.RECORDINGS, "resume": True}
-    written = keep_runs(definition, {} if definition.recordings == "none" else runs, **there)
+    written = keep_runs(definition, found, {} if definition.recordings == "none" else runs, **there)
     kept = [f"{SweepFile.RECORDINGS}/{name}" if name in written else None for name in names]
     column = found.table.schema.get_field_index("recording")
     table = found.table.set_column(column, found.table.field(column), pa.array(kept, pa.string()))
