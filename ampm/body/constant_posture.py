@@ -48,9 +48,7 @@ class ConstantPosture:
         self.window, self.stops = 2.0 * plan.constants.step_duration, tuple(stops)
         self.turns = _turns(plan.contacts)
         heading = float(self.turns[0, 2])
-        ik, reference = InverseKinematics(robot, run), step_reference(plan, np.zeros(1))
-        if heading:
-            reference = reference.turned(heading)
+        ik, reference = InverseKinematics(robot, run), step_reference(plan, np.zeros(1)).turned(heading)
         try:
             upright = ik.upright(reference, 0, standing(ik, reference))
             q, v = ik.project(reference, 0, upright, np.zeros(robot.nv))
@@ -65,7 +63,7 @@ class ConstantPosture:
             ) from error
         self.q = q.copy()
         self.q[3:7] = 0.0, 0.0, 0.0, 1.0
-        self.start = turned(q, heading) if heading else q, v
+        self.start = turned(q, heading), v
         self.trunk = robot.trunk_rotations(self.q[None])[0]
 
     def sample(self, times: ArrayLike) -> PostureState:
@@ -74,12 +72,11 @@ class ConstantPosture:
         first, n, nv = t <= 0.0, len(t), len(self.start[1])
         q, (v, acceleration) = np.tile(self.q, (n, 1)), np.zeros((2, n, nv))
         trunk = np.tile(self.trunk, (n, 1, 1))
-        if len(self.turns) > 1 or self.turns[0, 2]:
-            heading, v[:, 5], acceleration[:, 5] = self.heading(t)
-            q[:, 5], q[:, 6] = np.sin(0.5 * heading), np.cos(0.5 * heading)
-            c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-            trunk[:, 0] = c * self.trunk[0] - s * self.trunk[1]
-            trunk[:, 1] = s * self.trunk[0] + c * self.trunk[1]
+        heading, v[:, 5], acceleration[:, 5] = self.heading(t)
+        q[:, 5], q[:, 6] = np.sin(0.5 * heading), np.cos(0.5 * heading)
+        c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+        trunk[:, 0] = c * self.trunk[0] - s * self.trunk[1]
+        trunk[:, 1] = s * self.trunk[0] + c * self.trunk[1]
         q[first], v[first] = self.start
         window = np.full(n, self.window)
         for stop, go in self.stops:

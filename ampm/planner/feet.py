@@ -144,8 +144,7 @@ def foot_rotation(heading: Array, pitch: Array, roll: Array) -> Array:
     rotation[..., 0, 2] = np.sin(pitch)
     rotation[..., 2, 0] = -rotation[..., 0, 2]
     rotation[..., 1, 1] = 1.0
-    if heading.any():
-        rotation = _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2)
+    rotation = _turned(heading, rotation.swapaxes(-1, -2)).swapaxes(-1, -2)
     return turn_about_x(roll) @ rotation if roll.any() else rotation
 
 
@@ -172,10 +171,9 @@ def foot_turning(foot: FootSample) -> tuple[Array, Array]:
     """Angular velocity and acceleration of a foot, each (N, 3) [rad/s, rad/s^2]."""
     velocity, acceleration = np.zeros((2, len(foot.pitch), 3))
     velocity[:, 1], acceleration[:, 1] = foot.pitch_velocity, foot.pitch_acceleration
-    if foot.heading.any() or foot.heading_velocity.any():
-        acceleration[:, 0] = -foot.pitch_velocity * foot.heading_velocity  # the pitch's axis turns
-        velocity, acceleration = _turned(foot.heading, velocity), _turned(foot.heading, acceleration)
-        velocity[:, 2], acceleration[:, 2] = foot.heading_velocity, foot.heading_acceleration
+    acceleration[:, 0] -= foot.pitch_velocity * foot.heading_velocity  # the pitch's axis turns
+    velocity, acceleration = _turned(foot.heading, velocity), _turned(foot.heading, acceleration)
+    velocity[:, 2], acceleration[:, 2] = foot.heading_velocity, foot.heading_acceleration
     if foot.roll.any():
         velocity, acceleration = (
             np.einsum("nij,nj->ni", turn_about_x(foot.roll), rates) for rates in (velocity, acceleration)
@@ -220,17 +218,13 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     # From the reference point to the pivot, and the derivative with respect to the pitch.
     arm, per_pitch = np.stack([x * c, zero, -x * s], axis=1), np.stack([-x * s, zero, -x * c], axis=1)
     points = _sole_points(sole, c, s, pitch + value[:, TOE])
-    turns = path.curve[:, HEADING].any()
-    if turns:
-        arm, per_pitch, points = (_turned(yaw, vectors) for vectors in (arm, per_pitch, points))
+    arm, per_pitch, points = (_turned(yaw, vectors) for vectors in (arm, per_pitch, points))
+    across = _turned_left(arm)
     position = value[:, :PITCH] - arm
-    velocity = first[:, :PITCH] - rate * per_pitch
+    velocity = first[:, :PITCH] - rate * per_pitch - turning * across
     acceleration = second[:, :PITCH] - pitch_acceleration[:, None] * per_pitch + rate**2 * arm
-    if turns:
-        across = _turned_left(arm)
-        velocity -= turning * across
-        yaw_part = second[:, HEADING, None] * across + turning**2 * _turned_left(across)
-        acceleration -= yaw_part + 2.0 * turning * rate * _turned_left(per_pitch)
+    yaw_part = second[:, HEADING, None] * across + turning**2 * _turned_left(across)
+    acceleration -= yaw_part + 2.0 * turning * rate * _turned_left(per_pitch)
     return FootSample(
         position=position,
         velocity=velocity,
