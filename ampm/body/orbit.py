@@ -128,7 +128,7 @@ def _motion(
     gaps = robot.step_gaps(step.q[::2])
     closest = int(gaps.distance.argmin())
     report = MotionReport(
-        angular_momentum_y_offset=orbit.offset,
+        angular_momentum_y_offset=step_map.decode(orbit.z)[2],
         residual=step_map.size(step_map.residual(orbit.z, step)),
         mean_trunk_pitch=step_map.mean_pitch(step),
         multipliers=multipliers,

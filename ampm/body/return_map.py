@@ -20,7 +20,6 @@ _MULTIPLIERS = 4  # of the return map, reported at most
 _SLOW = 0.05  # magnitude from which a multiplier is reported; modes below it are gone within a step
 
 _VELOCITY_SCALE = 0.1  # weighs velocities against positions in the Krylov norm [s]
-_OFFSET_SCALE = 1.0  # likewise for the constant of L_y [1/(N m s)]
 _MAX_STEP = 0.5  # of a Newton step, in scaled units
 _DIFFERENCE = 1e-5  # step of finite differences, in scaled units
 _KRYLOV = 10  # largest dimension of the Krylov space
@@ -35,7 +34,7 @@ class StepMap:
     """The mirrored one-step map of one reference, in scaled unknowns ``z``.
 
     ``z`` holds the start configuration as a tangent vector at a body that stands upright at the planned COM,
-    the start velocity and the constant of L_y, each times ``scale``.
+    the start velocity and the constant of L_y, each times ``scale``; that of L_y is 1.
 
     Args:
         ik: integrates the step.
@@ -51,7 +50,7 @@ class StepMap:
         self.contacts, self.lean = contacts, lean
         nv = self.ik.robot.nv
         self.n = 2 * nv + 1
-        self.scale = np.concatenate([np.ones(nv), np.full(nv, _VELOCITY_SCALE), [_OFFSET_SCALE]])
+        self.scale = np.repeat([1.0, _VELOCITY_SCALE, 1.0], [nv, nv, 1])
 
     def easier(self, drop: float, share: float) -> "StepMap":
         """The map of the same step with the COM lower by ``drop`` [m] and a share of the angular momentum."""
@@ -76,10 +75,9 @@ class StepMap:
         """The reference with a constant of L_y [N m s]."""
         return self.reference.with_angular_momentum_y(offset / self.ik.robot.mass)
 
-    def returned(self, trajectory: StepTrajectory, offset: float) -> Array:
-        """Unknowns of the step's mirrored end."""
-        robot = self.ik.robot
-        way = self.contacts
+    def returned(self, trajectory: StepTrajectory, offset: float = 0.0) -> Array:
+        """Unknowns of the step's mirrored end, and a constant of L_y [N m s]."""
+        robot, way = self.ik.robot, self.contacts
         q = robot.mirror_q(trajectory.q[-1], -way.step_length, -way.step_rise)
         return self.encode(q, robot.mirror_v(trajectory.v[-1]), offset)
 
@@ -90,7 +88,7 @@ class StepMap:
 
     def residual(self, z: Array, trajectory: StepTrajectory) -> Array:
         """Mirrored return minus start, and mean trunk pitch minus lean; scaled."""
-        out = self.returned(trajectory, 0.0) - z
+        out = self.returned(trajectory) - z
         out[-1] = self.mean_pitch(trajectory) - self.lean
         return out
 
@@ -164,7 +162,6 @@ class Orbit:
     reference: StepReference  # tasks of the body, on the grid
     z: Array  # unknowns of the map, see `StepMap`
     trajectory: StepTrajectory  # the step
-    offset: float  # constant of L_y [N m s]
     inverse: BroydenInverse | None  # approximate inverse Jacobian, for the next search nearby
 
 
@@ -222,7 +219,7 @@ def newton(
         else:
             inverse = None
         z, trajectory, value, best = trial, moved, new, size
-    return Orbit(step_map.reference, z, trajectory, float(z[-1] / step_map.scale[-1]), inverse)
+    return Orbit(step_map.reference, z, trajectory, inverse)
 
 
 def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
@@ -289,16 +286,15 @@ def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, f
     Eigenvalues below :data:`_SLOW` are left out, because they are not computed accurately.
     """
     most, n = 12, step_map.n - 1
-    z, offset = orbit.z, orbit.offset
-    base = step_map.returned(orbit.trajectory, offset)
+    base = step_map.returned(orbit.trajectory)
     basis, hessenberg = np.zeros((most + 1, n)), np.zeros((most + 1, most))
     start = np.random.default_rng(0).normal(size=n)
     basis[0] = start / _length(start)
     slow = np.zeros(0, dtype=complex)
     for k in range(most):
-        moved = z.copy()
+        moved = orbit.z.copy()
         moved[:-1] += _DIFFERENCE * basis[k]
-        image = (step_map.returned(step_map.step(moved), offset) - base)[:-1] / _DIFFERENCE
+        image = (step_map.returned(step_map.step(moved)) - base)[:-1] / _DIFFERENCE
         for j in range(k + 1):
             hessenberg[j, k] = (basis[j] * image).sum()
             image = image - hessenberg[j, k] * basis[j]
