@@ -93,6 +93,7 @@ _GROUPS = {
 """Joints in words, and the target of their distance from their limits [rad]."""
 _INTO = "least distance of the ZMP into the"
 _FLOOR = "height of the sole"
+_HANDOVER = "double support over 0.04 s or a longer contact ramp"
 
 LIMITS: Mapping[str, Limit] = {
     "mid_stance": Limit(
@@ -113,17 +114,11 @@ LIMITS: Mapping[str, Limit] = {
     "clearance": Limit(f"{_FLOOR} in mid swing", "m", 0.0, 0.006, "sole_under_floor"),
     "turn": Limit("fastest turn of a foot at the floor", "rad/s", 25.0, 10.0, "foot_turns_too_fast"),
     # With less than the whole ramp the foot that lands is late in taking the weight over.
-    "handover": Limit(
-        "double support over 0.04 s or a longer contact ramp", "1", 0.85, 1.3, "double_support_too_short"
-    ),
+    "handover": Limit(_HANDOVER, "1", 0.85, 1.3, "double_support_too_short"),
     # Without toes the load goes over by edges, which needs longer.
-    "edge_handover": Limit(
-        "double support over 0.04 s or a longer contact ramp", "1", 0.85, 2.5, "double_support_too_short"
-    ),
+    "edge_handover": Limit(_HANDOVER, "1", 0.85, 2.5, "double_support_too_short"),
     # Chosen on 42 gaits of the G1: of 4 with less, 3 failed with late, noisy readings.
-    "edge_least": Limit(
-        "double support over 0.04 s or a longer contact ramp", "1", 1.1, 1.6, "double_support_too_short"
-    ),
+    "edge_least": Limit(_HANDOVER, "1", 1.1, 1.6, "double_support_too_short"),
     # The shortest of which walks are known: 0.177 s.
     "pace": Limit("duration of a step", "s", 0.175, 0.185, "step_too_short_in_time"),
     "friction": Limit("share of the friction that the controller may use", "1", 1.0, 0.75, "friction"),
