@@ -353,27 +353,15 @@ def update_contact(f: Filter, i: int, arm: Vector) -> None:
 
 
 @compiled
-def pose_row(rows: Any, axis: int, arm: Vector) -> Any:
-    """Measurement row of a coordinate of a point at an arm, by the root's pose, times x or the covariance."""
-    after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
-    return rows[axis] + rows[TURN + after] * arm[last] - rows[TURN + last] * arm[after]
-
-
-@compiled
-def offset_lever(f: Filter, axis: int, arm: Vector, i: int, h: int) -> float:
-    """Derivative of a coordinate of a sole point by the offset of a hinge [m/rad]."""
-    if not f.moves[i, h]:
-        return 0.0
-    joint = f.link[1 + f.worn[h]]
-    return -cross(vector(joint.axis), minus(arm, vector(joint.place)))[axis]
-
-
-@compiled
 def point_row(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
-    """As :func:`pose_row` for sole point i, with the offsets of the hinges."""
-    total = pose_row(rows, axis, arm)
+    """Derivatives of a coordinate of sole point i at an arm by x, times x or rows of the covariance."""
+    after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
+    total = rows[axis] + rows[TURN + after] * arm[last] - rows[TURN + last] * arm[after]
     for h in range(len(f.worn)):
-        total = total + offset_lever(f, axis, arm, i, h) * rows[POINTS + 3 * len(f.points) + h]
+        if f.moves[i, h]:
+            joint = f.link[1 + f.worn[h]]
+            lever = cross(vector(joint.axis), minus(arm, vector(joint.place)))[axis]
+            total = total - lever * rows[POINTS + 3 * len(f.points) + h]
     return total
 
 
