@@ -39,15 +39,11 @@ def update_gate(
     Returns:
         Whether a line that is not fully open touches or has begun to open.
     """
-    ramp, planned, due, until = gains.contact_ramp, wanted.planned, wanted.due, wanted.until_lift
+    ramp = gains.contact_ramp
     rate = 1.0 / (gains.frequency * ramp)
-    for foot in range(len(lines)):
-        for group in range(3):
-            line = lines[foot, group]
-            line.planned, line.due = planned[foot, group], due[foot, group]
-            line.touching = False
-            if first:
-                line.touched, line.opening = line.planned, 1.0 if line.planned else 0.0
+    lines.planned[:], lines.due[:], lines.touching[:] = wanted.planned, wanted.due, False
+    if first:
+        lines.touched[:], lines.opening[:] = wanted.planned, wanted.planned
     for i in range(len(points)):
         if points[i].touching:
             lines[points[i].foot, points[i].line].touching = True
@@ -55,7 +51,7 @@ def update_gate(
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
-            until_lift = until[foot, group]
+            until_lift = wanted.until_lift[foot, group]
             line.touched = line.due and (line.touched or line.touching)
             if group == TIP and not lines[foot, BALL].touched:
                 line.touched = False  # a loaded tip would keep the ball off the floor

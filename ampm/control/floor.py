@@ -8,7 +8,7 @@ down faster and faster.
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, HEEL, TIP, Foot, Workspace
+from ampm.control.workspace import BALL, HEEL, Foot, Workspace
 from ampm.geometry import Array
 
 LEVEL = 0.008
@@ -34,14 +34,15 @@ def follow_floor(work: Workspace) -> None:
     right = wanted.right_load[0]
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
-        if _stands(lines[i]):
+        stands = lines[i].touched.any()
+        if stands:
             height = work.body.com[2] - wanted.foot_position[i, 2]
             _measure_floor(foot, lines[i], wanted.foot_rotation[i], height, tick)
-        elif _stands(lines[1 - i]):
+        elif lines[1 - i].touched.any():
             x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
             foot.floor = other.floor + _beyond(other.slope[0], FLAT) * x + _beyond(other.slope[1], FLAT) * y
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
-        foot.late = foot.late + tick if planned and not _stands(lines[i]) else 0.0
+        foot.late = foot.late + tick if planned and not stands else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
         acceleration = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
         foot.raised_rate += tick * acceleration
@@ -51,12 +52,6 @@ def follow_floor(work: Workspace) -> None:
         wanted.foot_velocity[i, 2] += foot.raised_rate
         wanted.com[2] += load * foot.raised
         wanted.com_velocity[2] += load * foot.raised_rate
-
-
-@compiled
-def _stands(lines: Any) -> bool:
-    """Whether any line of a foot has touched down."""
-    return bool(lines[HEEL].touched or lines[BALL].touched or lines[TIP].touched)
 
 
 @compiled

@@ -4,10 +4,8 @@ A constant torque lags by half a period: where the plan's ZMP moves by 7 mm in a
 2 mm (RMS). The first-order hold extrapolates it with the slope of the last tick.
 """
 
-from typing import Any
-
 from ampm.compiled import compiled
-from ampm.control.workspace import Contact, Joints, Line
+from ampm.control.workspace import Line, Workspace
 from ampm.vectors import clip
 
 LARGEST = 0.1
@@ -15,7 +13,7 @@ LARGEST = 0.1
 
 
 @compiled
-def update_rate(joints: Joints, gains: Any, contact: Contact, still: bool) -> None:
+def update_rate(work: Workspace, still: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited. Where the contact
@@ -23,12 +21,10 @@ def update_rate(joints: Joints, gains: Any, contact: Contact, still: bool) -> No
     is zero, and the reference is that of the middle of the hold.
 
     Args:
-        joints: torques of this tick and of the last one, and limits; the rate is written.
-        gains: ``frequency`` [1/s].
-        contact: lines of this tick and of the last one.
+        work: torques and lines of this tick and of the last one; the rate is written.
         still: whether this is the first tick, or the plan jumps in this tick or has jumped in the last one.
     """
-    same_contact = True
+    joints, contact, same_contact = work.joints, work.contact, True
     for foot in range(len(contact.lines)):
         for group in range(3):
             line, last = contact.lines[foot, group], contact.last[foot, group]
@@ -40,7 +36,7 @@ def update_rate(joints: Joints, gains: Any, contact: Contact, still: bool) -> No
         if still:
             rate[j] = 0.0
         elif same_contact:
-            rate[j] = clip(torque[j] - before[j], -largest, largest) * gains.frequency
+            rate[j] = clip(torque[j] - before[j], -largest, largest) * work.gains.frequency
 
 
 @compiled

@@ -1,9 +1,7 @@
 """Wanted momentum rate of the body, which is the net wrench of the ground."""
 
-from typing import Any
-
 from ampm.compiled import compiled
-from ampm.control.workspace import PlacedBody, Wrench
+from ampm.control.workspace import Workspace, Wrench
 from ampm.geometry import Array
 from ampm.vectors import Vector, column, cross, minus, plus, put, times, vector
 
@@ -21,9 +19,7 @@ def rotation_error(wanted: Array, actual: Array) -> Vector:
 
 
 @compiled
-def command_wrench(
-    gains: Any, body: PlacedBody, wanted: Any, tilt: Vector, rates: Array, command: Wrench
-) -> None:
+def command_wrench(work: Workspace, tilt: Vector) -> None:
     """Write the net ground wrench: the plan's, plus feedback of COM, momentum and trunk.
 
     With c the COM, p and L momentum and angular momentum about it, and bars for the plan::
@@ -34,9 +30,9 @@ def command_wrench(
     The periodic motion is an unstable orbit: a trunk that has tilted is brought back by a little more or less
     angular momentum than planned, slowly.
 
-    ``tilt`` takes the trunk to the planned one [rad], and ``rates`` are momentum and angular momentum over
-    the mass, shape (6, ...). Written are f, n, L_wanted and the ZMP of this wrench on z = 0.
+    ``tilt`` takes the trunk to the planned one [rad]. Written are f, n, L_wanted and the ZMP on z = 0.
     """
+    gains, body, wanted, rates, command = work.gains, work.body, work.wanted, work.tasks.rates, work.command
     mass, com = body.mass, vector(body.com)
     force = plus(vector(wanted.com_acceleration), (0.0, 0.0, body.gravity))
     off_rate = minus(vector(wanted.com_velocity), vector(rates[0:3]))

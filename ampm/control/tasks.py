@@ -31,10 +31,8 @@ def sole_task(work: Workspace, i: int) -> None:
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
     rotation = rotation_error(wanted.foot_rotation[i], foot.pose)
-    all_lines = True
-    for group in range(3):
-        holds = lines[group].planned or lines[group].touched
-        all_lines = all_lines and (holds or (group == TIP and foot.toe < 0))
+    holds = lines.planned | lines.touched
+    all_lines = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
     if _is_held(lines):
         work.tasks.softness[rows] = STANCE
         _stance(work, i, all_lines, rotation, rates, acceleration)
@@ -65,13 +63,11 @@ def _stance(
     foot, heel, ball = body.feet[i], lines[HEEL], lines[BALL]
     velocity, omega = vector(rates[0:3]), vector(rates[3:6])
     # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
-    landing = heel.planned or ball.planned or lines[TIP].planned
-    press = 1.0 - max(heel.opening, ball.opening) if landing else 0.0
+    press = 1.0 - max(heel.opening, ball.opening) if lines.planned.any() else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
     # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
-    last, same = work.contact.last[i], True
-    for group in range(3):
-        same = same and lines[group].touching == last[group].touching
+    last = work.contact.last[i]
+    same = (lines.touching == last.touching).all()
     share = gains.stance_yield if same and _is_held(last) else 0.0
     yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
     put(foot.turning, omega)
@@ -88,7 +84,7 @@ def _stance(
     roll, pitch = along_across(turning[0], turning[1], cos, sin)
     roll = (1.0 - share) * roll + cos * yielding[0] + sin * yielding[1]
     _, pitch_rate = along_across(omega[0], omega[1], cos, sin)
-    holds = heel.touched or ball.touched or lines[TIP].touched
+    holds = lines.touched.any()
     if all_lines:  # a line is late: turn it to the floor
         rate = gains.touchdown_rate if heel.touched else -gains.touchdown_rate
         pitch = gains.roll_damping * ((rate if holds else 0.0) - pitch_rate)

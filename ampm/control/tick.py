@@ -26,7 +26,7 @@ from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import posture_task, sole_task, toe_task
 from ampm.control.trunk import RIGHTING, fed_back_tilt
-from ampm.control.workspace import Motion, PlacedBody, Sensed, Tasks, Workspace
+from ampm.control.workspace import Workspace
 from ampm.linear import add_combination
 from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import follow
@@ -49,7 +49,7 @@ def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: f
     Returns:
         Whether there is a QP: the task rows are independent, and all numbers finite.
     """
-    update_kinematics(work.body, work.motion, work.tasks, work.sensed, lag)
+    update_kinematics(work, lag)
     if stepper is not None:
         follow(stepper, work.wanted)
     else:
@@ -57,7 +57,7 @@ def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: f
     landing = update_contacts(work, first)
     update_command(work, stepper)
     update_tasks(work)
-    scale_tasks(work.body, work.motion, work.tasks)
+    scale_tasks(work)
     if not eliminate_tasks(work.tasks, work.motion.posture):
         return False
     set_up_qp(work, landing, load_age)
@@ -88,14 +88,13 @@ def finish_tick(work: Workspace, still: bool, first: bool) -> bool:
 
 
 @compiled
-def update_kinematics(
-    body: PlacedBody, motion: Motion, tasks: Tasks, sensed: Sensed, velocity_lag: float
-) -> None:
+def update_kinematics(work: Workspace, velocity_lag: float) -> None:
     """Write places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
     acceleration commanded at the last tick.
     """
+    body, motion, tasks, sensed = work.body, work.motion, work.tasks, work.sensed
     now, v, acceleration = motion.now, sensed.v, motion.last_acceleration
     for j in range(len(now)):
         now[j] = v[j] + velocity_lag * acceleration[j]
@@ -132,10 +131,10 @@ def update_command(work: Workspace, stepper: Stepper | None) -> None:
     pose = np.empty((3, 3))
     multiply(body.link[trunk.joint].turn, trunk.turn, pose)
     error = rotation_error(wanted.trunk, pose)
-    tilt = fed_back_tilt(work.gains, error, wanted.trunk, wanted.tilt_window[0], work.tilt)
+    tilt = fed_back_tilt(work, error)
     if work.stepping[0].off_plan:
         tilt = times(RIGHTING, tilt)
-    command_wrench(work.gains, body, wanted, tilt, work.tasks.rates, work.command)
+    command_wrench(work, tilt)
     if stepper is not None:
         share_sole(stepper, wanted, error, work.command)
 
@@ -162,14 +161,15 @@ def update_tasks(work: Workspace) -> None:
 
 
 @compiled
-def scale_tasks(body: PlacedBody, motion: Motion, tasks: Tasks) -> None:
+def scale_tasks(work: Workspace) -> None:
     """Scale to the QP's units: accelerations in g, and ``x = W_p^1/2 a / g`` by the posture weights W_p."""
-    motion.posture[:] = motion.posture * (motion.root_weight / body.gravity)
+    motion, tasks, gravity = work.motion, work.tasks, work.body.gravity
+    motion.posture[:] = motion.posture * (motion.root_weight / gravity)
     scaled, jacobian, by_row, by_column = tasks.scaled, tasks.jacobian, 1.0 / motion.root_weight, tasks.scale
     for j in range(len(by_row)):
         for e in range(len(by_column)):
             scaled[j, e] = jacobian[j, e] * (by_column[e] * by_row[j])
-    tasks.rhs[:] = tasks.scale / body.gravity * (tasks.wanted - tasks.drift)
+    tasks.rhs[:] = tasks.scale / gravity * (tasks.wanted - tasks.drift)
 
 
 @compiled
@@ -211,17 +211,8 @@ def update_torques(work: Workspace) -> None:
     """Write the torques of the accelerations under the contact forces, and what passive joints take."""
     body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
     point_forces(body.points, contact.solution, body.mass * body.gravity, contact.point_force)
-    joint_torques(
-        body.tree,
-        body.armature,
-        body.link,
-        work.sensed.v,
-        motion.acceleration,
-        body.gravity,
-        body.points,
-        contact.point_force,
-        torque,
-    )
+    v, qdd, forces = work.sensed.v, motion.acceleration, contact.point_force
+    joint_torques(body.tree, body.armature, body.link, v, qdd, body.gravity, body.points, forces, torque)
     torque += motion.passive_torque
 
 
@@ -230,12 +221,10 @@ def keep_tick(work: Workspace, still: bool, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
-    update_rate(joints, work.gains, contact, still or first)
+    update_rate(work, still or first)
     joints.last_torque[:] = joints.torque
     if not first:
         contact.change[:] = contact.solution - contact.forces
     contact.forces[:] = contact.solution
-    for foot in range(len(contact.lines)):
-        for group in range(3):
-            contact.last[foot, group] = contact.lines[foot, group]
+    contact.last[:] = contact.lines
     work.motion.last_acceleration[:] = work.motion.acceleration

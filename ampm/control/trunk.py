@@ -5,11 +5,9 @@ over two steps is. The integral of this mean finds the mean angular momentum tha
 """
 
 import math
-from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import Tilt
-from ampm.geometry import Array
+from ampm.control.workspace import Workspace
 from ampm.vectors import Vector, along_across
 
 RIGHTING = 4.0
@@ -17,22 +15,20 @@ RIGHTING = 4.0
 
 
 @compiled
-def fed_back_tilt(gains: Any, tilt: Vector, trunk: Array, window: float, memory: Tilt) -> Vector:
+def fed_back_tilt(work: Workspace, tilt: Vector) -> Vector:
     """Tilt to be fed back, in world axes [rad].
 
-    The time before the window first opens counts as upright. As a window closes, the present tilt replaces
-    mean and integral gradually.
+    It is averaged over the wanted window, up to :data:`~ampm.control.workspace.LONGEST`; without one the
+    present tilt is fed back. The time before the window first opens counts as upright. As a window closes,
+    the present tilt replaces mean and integral gradually.
 
     Args:
-        gains: of the controller.
+        work: gains, the planned trunk, whose first axis is the heading, and the memory of its tilt.
         tilt: rotation from the trunk to the planned one, in world axes [rad].
-        trunk: planned rotation of the trunk to world, whose first axis is the heading, shape (3, 3).
-        window: time over which to average, up to :data:`~ampm.control.workspace.LONGEST` [s]; 0: the present
-            tilt is fed back.
-        memory: tilts of the last ticks, their integral, and how long the window has been open.
     """
+    gains, memory, trunk = work.gains, work.tilt, work.wanted.trunk
     past, integral = memory.past, memory.integral
-    count = min(round(window * gains.frequency), len(past))
+    count = min(round(work.wanted.tilt_window[0] * gains.frequency), len(past))
     if count == 0:
         if memory.longest[0] > 0:
             past[:] = 0.0
