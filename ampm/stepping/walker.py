@@ -19,7 +19,7 @@ from ampm.stepping.step_choice import (
     ramp_share,
 )
 from ampm.stepping.stepper import Stepper
-from ampm.vectors import along_across, clip, cross, minus, plus, put, times, vector
+from ampm.vectors import along_across, clip, column, cross, minus, plus, put, times, vector
 
 DISTURBED = 0.006
 """The sole is shared where the DCM is farther than this from its plan, twice as far as undisturbed [m]."""
@@ -106,13 +106,22 @@ def pass_time(states: Any, tick: float) -> bool:
 
 @compiled
 def read_table(stepper: Stepper, wanted: Any) -> None:
-    """Read the planned reference from the phase's table, by the clock."""
+    """Read the planned reference from the phase's table, by the clock; it is still while the clock waits."""
     state: SteppingState = stepper.state[0]
     table, intervals = stepper.table, len(stepper.curves.r) - 1
     i, part = phase_interval(stepper)
     before, after = table.smooth[i], table.smooth[i + 1]
     for k in range(len(wanted.smooth)):
         wanted.smooth[k] = (1.0 - part) * before[k] + part * after[k]
+    rate = 0.0 if state.waited > 0.0 else state.rate
+    wanted.v[:] *= rate
+    wanted.acceleration[:] *= rate * rate
+    wanted.foot_velocity[:] *= rate
+    wanted.foot_acceleration[:] *= rate * rate
+    wanted.foot_angular_velocity[:] *= rate
+    wanted.foot_angular_acceleration[:] *= rate * rate
+    wanted.foot_toe[:, 1] *= rate
+    wanted.foot_toe[:, 2] *= rate * rate
     wanted.jumps[0] = False
     wanted.planned[:], wanted.due[:] = table.planned[i], table.due[i]
     for foot in range(2):
@@ -146,10 +155,6 @@ def advance(stepper: Stepper, wanted: Any) -> None:
         _transfer(stepper, moved, wanted, dcm)
     state.floor = _com(stepper, moved, slope, dcm, wanted)
     _feet(state, slope, wanted)
-    rate = 0.0 if state.waited > 0.0 else state.rate
-    for j in range(len(wanted.v)):
-        wanted.v[j] *= rate
-        wanted.acceleration[j] *= rate * rate
 
 
 @compiled
@@ -237,31 +242,21 @@ def _com(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array,
 
 @compiled
 def _feet(state: SteppingState, slope: tuple[float, float], wanted: Any) -> None:
-    """Replace the reference of both feet: their shifts, the clock's rate, the floor's tilt."""
-    swing, waits = 1 - state.stance, state.waited > 0.0
-    rate, turn = 0.0 if waits else state.rate, (slope[1], -slope[0], 0.0)
+    """Replace the reference of both feet: their shifts, the floor's tilt."""
+    swing, turn = 1 - state.stance, (slope[1], -slope[0], 0.0)
     for foot in range(2):
-        for axis in range(3):
-            wanted.foot_velocity[foot, axis] *= rate
-            wanted.foot_acceleration[foot, axis] *= rate * rate
-            wanted.foot_angular_velocity[foot, axis] *= rate
-            wanted.foot_angular_acceleration[foot, axis] *= rate * rate
-        wanted.foot_toe[foot, 1] *= rate
-        wanted.foot_toe[foot, 2] *= rate * rate
         if state.single and foot == swing:
-            for axis in range(3):
-                wanted.foot_position[foot, axis] += state.swing[0, axis]
-                wanted.foot_velocity[foot, axis] += state.swing[1, axis]
-                wanted.foot_acceleration[foot, axis] += state.swing[2, axis]
+            wanted.foot_position[foot] += state.swing[0]
+            wanted.foot_velocity[foot] += state.swing[1]
+            wanted.foot_acceleration[foot] += state.swing[2]
         else:
-            position = wanted.foot_position[foot]
-            put(position, plus(vector(position), vector(state.shift[foot])))
+            wanted.foot_position[foot] += state.shift[foot]
         if slope[0] != 0.0 or slope[1] != 0.0:
             rotation = wanted.foot_rotation[foot]
             for axis in range(3):
-                old = rotation[0, axis], rotation[1, axis], rotation[2, axis]
+                old = column(rotation, axis)
                 put(rotation[:, axis], plus(old, cross(turn, old)))
-    if waits:
+    if state.waited > 0.0:
         wanted.planned[swing, :], wanted.due[swing, :] = False, True
         wanted.foot_position[swing, 2] -= DROP * state.waited
         wanted.foot_velocity[swing, 2] = -DROP
