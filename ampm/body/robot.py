@@ -72,6 +72,7 @@ class Robot:
     Attributes:
         lower, upper: joint limits, shape (nu,) [rad].
         torque_limit: largest torque of every hinge, shape (nu,) [N m].
+        speed_limit: largest rate of every hinge, infinite where there is no limit, shape (nu,) [rad/s].
         passive: damping, stiffness, angle of the spring and dry friction of the hinges, shape (nu, 4).
 
     Raises:
@@ -105,6 +106,9 @@ class Robot:
         for item in description.passive:
             values = item.damping, item.stiffness, item.spring, item.friction
             self.passive[self.velocity_indices((item.joint,)) - 6] = values
+        self.speed_limit = np.full(self.nu, np.inf)
+        for joint, speed in description.speed_limits:
+            self.speed_limit[self.velocity_indices((joint,)) - 6] = speed
         limits = model.lowerPositionLimit[7:], model.upperPositionLimit[7:], model.effortLimit[6:]
         self.lower, self.upper, self.torque_limit = map(np.array, limits)
         for value in vars(self).values():
@@ -187,10 +191,7 @@ class Robot:
             return gaps
         other = self.shapes.gaps(self.mirror_q(q))
         nearer = other.distance < gaps.distance
-        parts = (
-            there if is_nearer else here
-            for here, there, is_nearer in zip(gaps.parts, other.parts, nearer, strict=True)
-        )
+        parts = np.where(nearer, other.parts, gaps.parts).tolist()
         points = np.where(nearer[:, None, None], other.points, gaps.points)
         return Gaps(np.minimum(gaps.distance, other.distance), tuple(parts), points)
 

@@ -139,23 +139,17 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
     what = f"{at(when)} {walk.parts[k]} come too close: their distance"
     turn = "turn the toes out, by 0.1 rad for example, or in if they are out, "
-    less = f"{_retimed(plan, when)}{turn}put the feet further apart" + ", or turn less" * bool(
-        np.ptp(contacts.headings)
-    )
+    turn_less = ", or turn less" if np.ptp(contacts.headings) else ""
+    less = f"{_retimed(plan, when)}{turn}put the feet further apart{turn_less}"
     if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
     yield Limit(what, "m", CLEARANCE + _NEARER, AT_LEAST, reason, less), float(walk.gap[k])
 
-    fastest = np.full(robot.nu, math.inf)
-    for name, speed in robot.description.speed_limits:
-        fastest[robot.velocity_indices((name,)) - 6] = speed
-    k, joint = _largest(np.abs(walk.rate) / fastest)
+    k, joint = _largest(np.abs(walk.rate) / robot.speed_limit)
+    fastest, less = float(robot.speed_limit[joint]), f"{shorten}, or give them more time"
     what = f"{at(walk.time[k])} {robot.joint_names[joint]} would turn too fast: its rate"
-    limit = Limit(
-        what, "rad/s", float(fastest[joint]), AT_MOST, "speed_limits", f"{shorten}, or give them more time"
-    )
-    yield limit, float(abs(walk.rate[k, joint]))
+    yield Limit(what, "rad/s", fastest, AT_MOST, "speed_limits", less), float(abs(walk.rate[k, joint]))
 
     mean = _means(walk.time, np.minimum(walk.share, _SPIKE), _WINDOW)
     k, joint = _largest(mean)

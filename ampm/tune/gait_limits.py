@@ -109,10 +109,8 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
         "twist": np.array([np.abs(twist[phase]).max() for phase in phases]) / _TWIST_LEVER,
         "gap": _gaps(step, time, robot),
     }
-    if robot.description.speed_limits:
-        fastest = dict(robot.description.speed_limits)
-        rates = np.abs(step.v[:, robot.velocity_indices(tuple(fastest))])
-        values["speed"] = rates.max(axis=0) / np.array(list(fastest.values()))
+    if (limited := np.isfinite(robot.speed_limit)).any():
+        values["speed"] = (np.abs(step.v[:, 6:]).max(axis=0) / robot.speed_limit)[limited]
     low = np.stack([angles[phase].min(axis=0) for phase in phases])
     high = np.stack([angles[phase].max(axis=0) for phase in phases])
     most = np.stack([share[phase].max(axis=0) for phase in phases])

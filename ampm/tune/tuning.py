@@ -323,11 +323,8 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         over = [f"{names[j]} {share[j]:.2f}" for j in np.argsort(-share)[:3] if share[j] > 1.0]
         return f"; torque over its limit: {', '.join(over)}" if over else ""
     if reason == "speed_limits":
-        limits = robot.description.speed_limits
-        rates = np.abs(step.v[:, robot.velocity_indices(tuple(dict(limits)))]).max(axis=0)
-        shares = {joint: rate / most for (joint, most), rate in zip(limits, rates, strict=True)}
-        joint = max(shares, key=lambda name: shares[name])
-        return f"; speed over its limit: {joint} {shares[joint]:.2f}"
+        share = np.abs(step.v[:, 6:]).max(axis=0) / robot.speed_limit
+        return f"; speed over its limit: {names[int(share.argmax())]} {share.max():.2f}"
     if reason == "self_collision":
         gaps = robot.step_gaps(step.q)
         return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"
