@@ -62,13 +62,11 @@ def check_body(plan: StepPlan, description: BodyDescription, phases: int | None 
     shares = (np.linspace(0.0, ends[phase.kind], _INSTANTS) for phase in checked)
     times = np.concatenate([p.start + share * p.duration for p, share in zip(checked, shares, strict=True)])
     *checks, margin = _plan_checks(plan, description, times)
-    # The ZMP margin is checked last: a failure of the other checks also takes the ZMP out of the support.
-    for some in (checks, [margin]):
-        broken = [(limit, value) for limit, value in some if limit.broken(value)]
-        if broken:
-            (limit, value), *others = broken
-            also = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other, _ in others]
-            raise limit.refusal(value, "".join(also))
+    # A failure of another check also takes the ZMP out of the support.
+    (limit, value), *others = [(limit, value) for limit, value in checks if limit.broken(value)] or [margin]
+    if limit.broken(value):
+        also = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other, _ in others]
+        raise limit.refusal(value, "".join(also))
 
 
 def check_motion(report: MotionReport, description: BodyDescription) -> None:
@@ -121,9 +119,8 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         reached = round(float(rise.zmp[0, 0] - rise.left_placement[0, 0]), 6) + 0.0
         reason = "heel_rises_before_zmp_reaches_ball"
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
-        roll = (
-            f"lower gait.a_s to {l_s / sole.ball_x:.4g}, " if l_s > sole.ball_x else ""
-        )  # else it is not a pendulum
+        # With a_s of 1 or less it would not be a pendulum.
+        roll = f"lower gait.a_s to {l_s / sole.ball_x:.4g}, " if l_s > sole.ball_x else ""
         less = f"{roll}lengthen gait.step_length, lower foot.heel_rise_lead, or take foot.schedule = flat"
         yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 
