@@ -255,29 +255,23 @@ def start_orbit(step_map: StepMap, tolerance: float) -> Orbit:
 
 def _approximate_inverse(step_map: StepMap, z: Array, value: Array) -> BroydenInverse:
     """Inverse Jacobian from directional differences along a Krylov space grown from the residual."""
-    basis, images = np.zeros((_KRYLOV, step_map.n)), np.zeros((_KRYLOV, step_map.n))
+    basis, images = np.zeros((2, _KRYLOV, step_map.n))
     direction = np.zeros(step_map.n)
     direction[-1] = 1.0  # the constant of L_y always matters
-    following = value
-    used = 0
-    while True:
+    for k in range(_KRYLOV):
         moved = z + _DIFFERENCE * direction
         image = (step_map.residual(moved, step_map.step(moved)) - value) / _DIFFERENCE
-        basis[used], images[used] = direction, image
-        if used > 0:
-            following = image + direction  # image of the map itself, without the minus identity
-        used += 1
-        if used == _KRYLOV:
-            break
-        known = basis[:used]
-        direction = following
+        basis[k], images[k] = direction, image
+        known = basis[: k + 1]
+        # The image under the map itself, without the minus identity.
+        direction = image + direction if k else value
         for _ in range(2):  # orthogonalised twice because of rounding
             direction = direction - np.einsum("kn,k", known, np.einsum("kn,n", known, direction))
         norm = _length(direction)
         if norm < 1e-12:
             break
         direction = direction / norm
-    return BroydenInverse(basis[:used], images[:used])
+    return BroydenInverse(known, images[: len(known)])
 
 
 def leading_multipliers(step_map: StepMap, orbit: Orbit) -> tuple[tuple[float, float], ...]:
