@@ -129,11 +129,8 @@ class FreeChoices:
 
     def lowered(self, x: Array, drop: float) -> Array:
         """``x`` with the COM lower by ``drop`` [statures], within its range, if it is free."""
-        x = x.copy()
-        if "height" in self.names:
-            j = self.names.index("height")
-            x[j] = max(self.lower[j], x[j] - drop)
-        return x
+        is_height = [name == "height" for name in self.names]
+        return np.where(is_height, np.maximum(self.lower, x - drop), x)
 
     def spread(self, guess: Array, number: int) -> Array:
         """Choices about a guess, evenly spread (Sobol) and always the same, shape (number, choices)."""
