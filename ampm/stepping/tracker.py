@@ -83,8 +83,6 @@ class StepTracker:
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
         end = plan.sample(np.array([plan.duration])).com_velocity
-        placements = plan.contacts.placements
-        self._across, self._headings = placements[:, 0] - placements[:, 1], plan.contacts.headings
         self._goes_on = bool(np.abs(end).max() > STILL) and len(plan.contacts.phases) > CYCLE
         self._coarse = self._coarse_curves()
         self._tables = [self._table(phase) for phase in plan.contacts.phases]
@@ -151,8 +149,9 @@ class StepTracker:
         if not state.off_plan:
             self._next = self._starts[index + 1]
             self._use(self._coarse[index])
-            x, y, _ = self._across[index]
-            heading = self._headings[index]
+            left, right = self.plan.contacts.placements[index]
+            x, y, _ = left - right
+            heading = self.plan.contacts.headings[index]
             state.width = abs(math.cos(heading) * y - math.sin(heading) * x)
 
     def _coarse_curves(self) -> list[Curves]:
@@ -161,8 +160,8 @@ class StepTracker:
         grids = np.concatenate([self._grid(phase, _COARSE) for phase in phases])
         sample = self.plan.sample(grids)
         curves = self._curves(sample.com, sample.com_velocity, sample.com_acceleration, sample.moment)
-        parts = [range(k * _COARSE, (k + 1) * _COARSE) for k in range(len(phases))]
-        return [Curves(*(curve[part.start : part.stop] for curve in curves)) for part in parts]
+        by_phase = (np.split(curve, len(phases)) for curve in curves)
+        return [Curves(*parts) for parts in zip(*by_phase, strict=True)]
 
     def _grid(self, phase: Phase, count: int) -> Array:
         """Equal intervals of a phase, the ends just within it, shape (count,) [s]."""

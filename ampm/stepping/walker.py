@@ -164,8 +164,7 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
     cos, sin = state.heading[0], state.heading[1]
     shift, rest = state.shift[state.stance], state.duration - state.clock
     landing = stepper.table.foot_position[-1]
-    reach_x = landing[1 - state.stance, 0] - landing[state.stance, 0]
-    reach_y = landing[1 - state.stance, 1] - landing[state.stance, 1]
+    reach_x, reach_y, _ = minus(vector(landing[1 - state.stance]), vector(landing[state.stance]))
     if rest * state.factor > FREEZE:
         state.length, across = along_across(reach_x, reach_y, cos, sin)
         state.width = abs(across)
