@@ -64,9 +64,8 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
         x = y = 0.0
         for i in range(per_foot):
             point = sole[i]
-            point.load_gradient = (
-                -NORMAL_COST * max(point.limit, _LEAST_OPENING) / loads if point.line != TIP else 0.0
-            )
+            opening = max(point.limit, _LEAST_OPENING)
+            point.load_gradient = -NORMAL_COST * opening / loads if point.line != TIP else 0.0
             point.share /= total
             x += point.share * point.arm[0]
             y += point.share * point.arm[1]
@@ -114,12 +113,8 @@ def point_forces(points: Any, phi: Array, weight: float, forces: Array) -> None:
         point, foot = points[i], points[i].foot
         tangent = (per_foot + 3) * foot + per_foot
         x, y, twist = phi[tangent], phi[tangent + 1], phi[tangent + 2]
-        force = (
-            point.share * x + point.twist[0] * twist,
-            point.share * y + point.twist[1] * twist,
-            phi[3 * foot + i],
-        )
-        put(forces[i], times(weight, force))
+        along_x, along_y = point.share * x + point.twist[0] * twist, point.share * y + point.twist[1] * twist
+        put(forces[i], times(weight, (along_x, along_y, phi[3 * foot + i])))
 
 
 @compiled
