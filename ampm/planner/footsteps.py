@@ -126,12 +126,12 @@ def contacts_over(
 ) -> Contacts:
     """Phases of the walk: single supports as long as the gait's, or until the given landings."""
     single, double = nominal.constants.single_support_duration, nominal.constants.double_support_duration
-    wanted = [None] * len(footsteps) if landings is None else list(landings)
+    wanted: list[float | None] = [None] * len(footsteps) if landings is None else list(landings)
     if len(wanted) != len(footsteps):
         raise InputError(f"{len(wanted)} landings for {len(footsteps)} footsteps; give one each, or None.")
     switches, lifted = [0.0], SETTLING
-    for number in range(2, len(footsteps)):
-        landing = lifted + single if wanted[number] is None else float(wanted[number])  # type: ignore[arg-type]
+    for number, time in enumerate(wanted[2:], start=2):
+        landing = lifted + single if time is None else float(time)
         if not math.isfinite(landing):
             raise InputError(f"footstep {number + 1} is reached at {landing} s; give a finite time, or None.")
         check_landing(number, landing, lifted, double, single)

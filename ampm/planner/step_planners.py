@@ -160,17 +160,15 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
         return np.array([position, velocity, w**2 * (position - polynomial.polyval(time, p))])
 
     # The COM is continuous and returns: two equations for the decaying parts.
+    grows = 0.5 * divergence
     gaps = [
-        motion(0.0, zmp, 0.0, 0.0)[0] - motion(single, moving, 0.5 * divergence, 0.0)[0],
-        axis.sign * motion(0.0, moving, 0.5 * divergence, 0.0)[0]
-        + axis.shift
-        - motion(double, zmp, 0.0, 0.0)[0],
+        motion(0.0, zmp, 0.0, 0.0)[0] - motion(single, moving, grows, 0.0)[0],
+        axis.sign * motion(0.0, moving, grows, 0.0)[0] + axis.shift - motion(double, zmp, 0.0, 0.0)[0],
     ]
     fade = [[math.exp(-w * single), -1.0], [-axis.sign, math.exp(-w * double)]]
     decaying = np.linalg.solve(fade, np.array(gaps))
-    return np.hstack(
-        [motion(in_single, moving, 0.5 * divergence, decaying[0]), motion(in_double, zmp, 0.0, decaying[1])]
-    )
+    walked = motion(in_single, moving, grows, decaying[0]), motion(in_double, zmp, 0.0, decaying[1])
+    return np.hstack(walked)
 
 
 # ---------------------------------------------------------------------------------------------- preview

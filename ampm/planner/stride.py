@@ -194,11 +194,10 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     strikes = (roll.strike != 0.0) | (roll.strike_rate != 0.0)
     begin, end = np.zeros((2, 3, n))
     begin[0], begin[1] = -roll.strike, roll.strike_rate
-    on_heel = np.zeros((n, ROWS, _ORDER))
+    on_heel = still[2:].copy()
     on_heel[:, : Z + 1, 0] = _on_sole(sole.heel_x, place[2:], yaw[2:], tilt)
-    on_heel[:, PITCH, :_QUINTIC], on_heel[:, HEADING, 0] = quintic(begin, end, roll.down), yaw[2:]
+    on_heel[:, PITCH, :_QUINTIC] = quintic(begin, end, roll.down)
     on_heel[:, PITCH, 0] -= tilt
-    on_heel[:, ROLL, 0] = roll_angle
     down = landed + np.where(strikes, roll.down, 0.0)
     segments += [
         _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),

@@ -107,7 +107,7 @@ def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_
     # A heel that rises late by itself waits only for the rest.
     late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
     wait = np.maximum(delay + late, 0.0)
-    to_heel = -begin[1:] / -sole.heel_x
+    to_heel = begin[1:] / sole.heel_x
     strike[:-1] *= np.clip((to_heel - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
     # The sole is down before the ZMP has passed the heel.
     share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
