@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -121,34 +123,30 @@ class Ground:
     @classmethod
     def _along(cls, heading: float, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
         """The floor under footsteps, with edges along and across a heading; raises as :meth:`under`."""
-        z = np.array([step.position[2] for step in footsteps])
+        z = [float(step.position[2]) for step in footsteps]
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
-        soles = np.stack([outlines.min(axis=1), outlines.max(axis=1)], axis=1)  # low and high of each
-        starts = np.flatnonzero(np.diff(z, prepend=np.nan))
-        parts: list[tuple[Array, float]] = []
-        for boxes, height in zip(np.split(soles, starts[1:]), z[starts].tolist(), strict=True):
-            rectangles = [_around(boxes)]
-            if any(_apart(rectangles[0], sole)[1] < 2.0 * EDGE for sole in soles[z < height]):
-                rectangles = _joined(boxes, 2.0 * EDGE)
-            for rectangle in rectangles:
-                same = [part[0] for part in parts if part[1] == height]
-                *kept, whole = _joined([*same, rectangle], 0.0)
-                parts = [part for part in parts if part[1] != height or any(part[0] is one for one in kept)]
-                parts.append((whole, height))
-        parts = [part for part in parts if part[1] > z.min()]
-        wide = [box + _AROUND * np.array([[-1.0], [1.0]]) for box, _ in parts]
-        for number, ((box, height), cut) in enumerate(zip(parts, wide, strict=True)):
-            for other, other_height in parts[:number] + parts[number + 1 :]:
-                if other_height == height:
-                    side, gap = _apart(box, other)
-                    _cut(cut, box, side, gap, 0.5)
-            for step, (sole_box, sole_height) in enumerate(zip(soles, z.tolist(), strict=True), start=1):
-                if sole_height < height:
-                    side, gap = _apart(box, sole_box)
-                    _refuse_near(step, gap, height - sole_height)
-                    _cut(cut, box, side, EDGE, 1.0)
-        corners, heights = np.array(wide).reshape(-1, 2, 2), np.array([height for _, height in parts])
-        return cls(heading, float(z.min()), corners[:, 0], corners[:, 1], heights)
+        corners = outlines.min(axis=1), outlines.max(axis=1)
+        soles = [_Box(*box) for box in zip(*corners, z, strict=True)]
+        parts: list[_Box] = []
+        for height, following in groupby(soles, key=lambda box: box.height):
+            boxes = list(following)
+            whole = _around(boxes)
+            near = any(box.height < height and _apart(whole, box)[1] < 2.0 * EDGE for box in soles)
+            parts = _joined([*parts, *(_joined(boxes, 2.0 * EDGE) if near else [whole])], 0.0)
+        parts = [part for part in parts if part.height > min(z)]
+        wide = np.empty((len(parts), 2, 2))  # low and high corners
+        for part, cut in zip(parts, wide, strict=True):
+            cut[0], cut[1] = part.low - _AROUND, part.high + _AROUND
+            for other in parts:
+                if other is not part and other.height == part.height:
+                    side, gap = _apart(part, other)
+                    _cut(cut, part, side, 0.5 * gap)
+            for step, box in enumerate(soles, start=1):
+                if box.height < part.height:
+                    side, gap = _apart(part, box)
+                    _refuse_near(step, gap, part.height - box.height)
+                    _cut(cut, part, side, EDGE)
+        return cls(heading, min(z), wide[:, 0], wide[:, 1], np.array([part.height for part in parts]))
 
     def at(self, points: Array, around: float = 0.0) -> Array:
         """Height of the highest part within a distance of points (..., 2) [m], shape (...) [m]."""
@@ -157,33 +155,42 @@ class Ground:
         return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
 
 
-def _around(boxes: Array) -> Array:
-    """The least box around boxes (n, 2, 2), low and high corner each."""
-    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+class _Box(NamedTuple):
+    """A rectangle of the floor, or around a sole."""
+
+    low: Array  # corner along and across the heading, shape (2,) [m]
+    high: Array  # the opposite corner, shape (2,) [m]
+    height: float  # [m]
 
 
-def _joined(boxes: Iterable[Array], gap: float) -> list[Array]:
-    """Boxes (2, 2) that are more than a gap from each other [m]: nearer ones become the box around them."""
-    found: list[Array] = []
+def _around(boxes: Sequence[_Box]) -> _Box:
+    """The least box around boxes of one height."""
+    low, high = np.min([box.low for box in boxes], axis=0), np.max([box.high for box in boxes], axis=0)
+    return _Box(low, high, boxes[0].height)
+
+
+def _joined(boxes: Iterable[_Box], gap: float) -> list[_Box]:
+    """Boxes farther than a gap from others of their height [m]: nearer ones become the box around them."""
+    found: list[_Box] = []
     for box in boxes:
-        while near := [other for other in found if _apart(box, other)[1] <= gap]:
-            box = _around(np.stack([box, *near]))
-            found = [other for other in found if not any(other is one for one in near)]
+        while near := [one for one in found if one.height == box.height and _apart(box, one)[1] <= gap]:
+            box = _around([box, *near])
+            found = [one for one in found if not any(one is other for other in near)]
         found.append(box)
     return found
 
 
-def _apart(box: Array, other: Array) -> tuple[tuple[int, int], float]:
+def _apart(box: _Box, other: _Box) -> tuple[tuple[int, int], float]:
     """Side and axis of a box along which another one is farthest, and their gap [m]."""
-    gaps = np.stack([box[0] - other[1], other[0] - box[1]])
+    gaps = np.stack([box.low - other.high, other.low - box.high])
     side, axis = divmod(int(gaps.argmax()), 2)
     return (side, axis), float(gaps[side, axis])
 
 
-def _cut(wide: Array, box: Array, side: tuple[int, int], gap: float, share: float) -> None:
-    """Move one side of a wide box to a share of a gap from the narrow box in it, if it is farther."""
-    edge, nearer = box[side] + (2 * side[0] - 1) * share * gap, (max, min)[side[0]]
-    wide[side] = nearer(float(wide[side]), float(edge))
+def _cut(wide: Array, part: _Box, side: tuple[int, int], distance: float) -> None:
+    """Move one side of a wide box to a distance from the part in it, if it is farther."""
+    low, high = part.low[side[1]] - distance, part.high[side[1]] + distance
+    wide[side] = min(wide[side], high) if side[0] else max(wide[side], low)
 
 
 def _refuse_near(number: int, gap: float, rise: float) -> None:
