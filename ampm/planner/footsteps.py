@@ -317,10 +317,10 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
     place = np.array([step.position[:2] for step in footsteps])
     heading = np.array([step.heading for step in footsteps])
     turns = np.abs(np.diff(heading, prepend=0.0 if first == 1 else heading[0]))
-    if not turns.max() <= math.tau:
+    if not turns.max() <= 2.0 * math.tau:
         number = int(turns.argmax())
         raise InputError(
-            f"footstep {number + first} has a heading of {heading[number]:g} rad, over a whole turn from "
+            f"footstep {number + first} has a heading of {heading[number]:g} rad, over two turns from "
             "that before it, or from 0; give headings in radians."
         )
     axes = rotations(mean_heading(heading[:-1], heading[1:]))
