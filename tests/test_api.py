@@ -31,6 +31,8 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert trial.verdict.passed is (trial.verdict.name == "pass")
     assert trial.timing.keys() >= {"planning", "simulation", "measurement", "real_time_factor"}
     assert trial.summary["gait"] == "pushed"
+    begin = trial.measured.time[trial.comparison.inside][0]
+    assert begin == pytest.approx(0.5, abs=1e-3)  # of the push, in the first step
     folder = pickle.loads(pickle.dumps(trial)).save(tmp_path / "run", recording=False)
     with pytest.raises(ampm.InputError, match="--force"):
         trial.save(folder)
@@ -80,9 +82,16 @@ def slack(change):
     return Changed(with_posture)
 
 
-def test_steps_that_are_not_the_runs_are_told():
-    trial = val.walk(ampm.load_run("flat", gait={"steps": 2}), planner=Changed(step_length=0.4))
-    note = "The planner Changed plans steps of 0.4 m, and gait.step_length is 0.3 m."
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"step_length": 0.4}, "steps of 0.4 m, and gait.step_length is 0.3 m"),
+        ({"switching_velocity": 0.52}, "steps of 0.643 s, and those of the gait take 0.54 s"),
+    ],
+)
+def test_steps_that_are_not_the_runs_are_told(change, what):
+    trial = val.walk(ampm.load_run("flat", gait={"steps": 2}), planner=Changed(**change))
+    note = f"The planner Changed plans {what}."
     assert trial.summary["notes"] == [note]
     assert note in trial.table().notes
 

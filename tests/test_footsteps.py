@@ -127,6 +127,18 @@ def test_eased_footsteps(name):
     assert {(step.foot, step.heading) for step in still} == {(step.foot, step.heading) for step in walk[:2]}
 
 
+def test_feet_that_are_turned_less_are_a_way_out():
+    """As for a body whose thighs meet in turns."""
+    run = GAITS["normal"].replace({}, footsteps=routes.as_rows(routes.turn(6, 0.6, 0.2)))
+
+    def plan(run):
+        frames = [round(step.heading / 0.12, 6) % 1.0 for step in run.footsteps]
+        if any(frames):
+            raise BodilyRefusal("a", reason="b", value=0.0, limit=1.0, unit="m", way_out="c")
+
+    assert routes.easier(run, plan) == "turn the toes of either foot in by 0.1 rad"
+
+
 def test_a_plan_over_a_file_of_footsteps_and_its_picture(tmp_path, ampm):
     """It stands until the time of a landing, as a trial does."""
     path = tmp_path / "walk.csv"

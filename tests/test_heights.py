@@ -1,5 +1,6 @@
 """Footsteps of different heights and floors that slope: their plans, and the walks over them."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import ampm
 import validation as val
 from ampm.planner import routes
+from ampm.planner.contacts import Footstep
 from ampm.planner.heights import Ground
 from ampm.planner.newton import check_newton
 from ampm.planner.sampled import sampled_plan
@@ -78,6 +80,19 @@ def test_a_foot_stands_lower_beside_two_higher_footsteps():
     ground = Ground.under(steps, BODY.sole)
     places = np.array([step.position for step in steps])
     np.testing.assert_array_equal(ground.at(places[:, :2]), places[:, 2])
+
+
+def test_edges_lie_along_a_later_footstep_where_the_first_leaves_no_room():
+    """Stairs along 45 degrees after a turn in place: boxes along the first footstep overlap."""
+    half, tread = 0.1 * math.sqrt(0.5), 0.35 * math.sqrt(0.5)
+    places = [
+        (tread * k - side * half, tread * k + side * half, 0.03 * k)
+        for k, side in zip((0, 1, 2, 3, 4, 4), (1, -1, 1, -1, 1, -1), strict=True)
+    ]
+    stairs = [Footstep("left", place, 0.25 * math.pi) for place in places]
+    ground = Ground.under([Footstep("left", (-1.0, 0.0, 0.0), 0.0), *stairs], BODY.sole)
+    assert ground.heading == 0.25 * math.pi
+    np.testing.assert_allclose(ground.at(np.array(places)[:, :2]), np.array(places)[:, 2], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", WALKS)

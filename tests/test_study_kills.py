@@ -12,6 +12,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -25,7 +26,7 @@ import psutil
 import pytest
 
 import validation as val
-from ampm.exceptions import StudyStopped
+from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
 from validation.cli import console
 from validation.progress import Stage
@@ -255,6 +256,35 @@ def forget(folder: Path) -> None:
     for path in folder.glob("*.py"):
         sys.modules.pop(path.stem, None)
     importlib.invalidate_caches()
+
+
+OWN = """
+import threading
+
+LOCK, VALUE = threading.Lock(), 0
+
+
+def value():
+    return VALUE
+"""
+WORK = """
+import own_state
+
+
+def work(value):
+    own_state.VALUE = value
+    return {"value": own_state.value()}
+"""
+
+
+def test_a_worker_of_this_machine_imports_the_users_modules(here):
+    (here / "own_state.py").write_text(OWN, encoding="utf-8")
+    (here / "own_work.py").write_text(WORK, encoding="utf-8")
+    work = importlib.import_module("own_work").work
+    (row,) = walk_many([Task("a", work, {"value": 3})], workers=1)
+    assert row["value"] == 3
+    with pytest.raises(InputError, match=r"cannot be sent to a worker .*lock.* --workers 0"):
+        list(walk_many([Task("a", work, {"value": threading.Lock()})], workers=1))
 
 
 WEAK = """
