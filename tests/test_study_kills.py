@@ -258,28 +258,13 @@ def forget(folder: Path) -> None:
     importlib.invalidate_caches()
 
 
-OWN = """
-import threading
-
-LOCK, VALUE = threading.Lock(), 0
-
-
-def value():
-    return VALUE
-"""
-WORK = """
-import own_state
-
-
-def work(value):
-    own_state.VALUE = value
-    return {"value": own_state.value()}
-"""
-
-
 def test_a_worker_of_this_machine_imports_the_users_modules(here):
-    (here / "own_state.py").write_text(OWN, encoding="utf-8")
-    (here / "own_work.py").write_text(WORK, encoding="utf-8")
+    """What one of them changes in another is seen there."""
+    (here / "own_state.py").write_text("VALUE = 0\nread = lambda: VALUE\n", encoding="utf-8")
+    work = (
+        "import own_state\ndef work(value):\n  own_state.VALUE = value\n  return {'value': own_state.read()}"
+    )
+    (here / "own_work.py").write_text(work, encoding="utf-8")
     work = importlib.import_module("own_work").work
     (row,) = walk_many([Task("a", work, {"value": 3})], workers=1)
     assert row["value"] == 3
