@@ -6,7 +6,8 @@ Half a minute for a gait. Plan, feet and limits are those of the search; its inv
 Free are all joints at the nodes of one step, whose end mirrors its start, and timing, heights and angles
 of the feet. Pinocchio gives inverse dynamics and derivatives; Gauss and Newton (Levenberg, Marquardt)
 minimise the squares of all violations over their tolerances. ``motion found`` means that none is above its
-tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex.
+tolerance, at the nodes. ``none found`` proves nothing, as the problem is not convex. Motions that are found
+are walked in ten steps.
 """
 
 import sys
@@ -16,23 +17,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 from trials import DATA, read_rows, write_rows
 
 import validation as val
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, LIMITS
+from ampm.body.motion import Extreme, MotionReport, PeriodicPosture, WholeBodyMotion
 from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan, plan_steps
-from ampm.planners import PeriodicPlanner
 from ampm.tune import gait_limits
 from ampm.tune.first_gait import easy_gait
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.search import RoughOrbits
 from ampm.tune.tuning import tune
+from ampm.walk import WalkPlan
+from validation.judge.verdict import VerdictName
 from validation.study.sweep.design import load_sweep
 from validation.trial.plan import make_body, own_gait
 
@@ -65,6 +70,8 @@ _NEAR = 0.02  # distance of parts from which its slope is taken [m]
 _STEPS, _LEAST = 50, 4e-3  # iterations of one start, and the least progress of each over eight of them [1]
 _RENEWED = 3  # iterations after which the slopes by the choices are taken again
 _OF_POSTURE = ("lean", "spread")  # choices of which the plan is independent
+_ROOM = 0.025  # between parts of a motion that is walked, as the posture is followed softly [m]
+_WALKED, _FINE, _SHORT = 10, 201, 1e-4  # steps that are walked; instants of the grid; of differences [s]
 STARTS = 3
 """Choices at first: those of the search's guess, and others that are spread about it."""
 REFUSED = {
@@ -72,7 +79,7 @@ REFUSED = {
     "g1": ("unseen-g1", (1, 2, 4, 5, 7, 8, 12, 16, 17, 18)),
 }
 """Draw of a body, and its gaits that were refused before the referee was asked."""
-COLUMNS = "body", "gait", "verdict", "largest violation", "over its tolerance", "start", "seconds", "product"
+COLUMNS = "body", "gait", "verdict", "largest violation", "over its tolerance", "start", "seconds", "its walk"
 
 
 class Tasks(NamedTuple):
@@ -142,12 +149,13 @@ class Problem:
     Args:
         run: the gait.
         robot: the body.
+        clearance: least distance of its parts [m].
     """
 
-    def __init__(self, run: RunParameters, robot: Robot) -> None:
+    def __init__(self, run: RunParameters, robot: Robot, clearance: float) -> None:
         self.robot, self.model, self.data = robot, robot.model, robot.model.createData()
         self.space = FreeChoices(run, run.given, robot.description)
-        self.base = self.space.guess()
+        self.base, self.clearance = self.space.guess(), clearance
         self.mirror = robot.mirror_v(np.eye(robot.nv)).T
         pin.framesForwardKinematics(self.model, self.data, pin.neutral(self.model))
         frames = self.model.getFrameId(self.model.names[1]), robot.trunk_frame
@@ -296,7 +304,7 @@ class Problem:
         if slopes and gap < _NEAR:
             moved = np.array([pin.integrate(model, q, 1e-5 * direction) for direction in eye])
             nearer = ((gap - robot.shapes.gaps(moved).distance) / 1e-5)[None]
-        at_most("gap [m]", np.array([-gap]), -CLEARANCE, nearer)
+        at_most("gap [m]", np.array([-gap]), -self.clearance, nearer)
         term("", _SMOOTH * a, 0.0, 0.0, _SMOOTH * eye)
         term("", _POSTURE * np.append(pin.log3(pin.Quaternion(q[3:7]).matrix()), q[7:]), _POSTURE * eye[3:])
         self.names = np.concatenate([[name] * len(value) for name, value, *_ in terms])
@@ -411,9 +419,11 @@ def easy_motion(run: RunParameters, robot: Robot) -> Array:
     return RoughOrbits(robot, easy, NODES).solve(plan, easy).trajectory.q[:-1]
 
 
-def judged(run: RunParameters, robot: Robot) -> tuple[Problem, Motion, dict[str, float], int]:
+def judged(
+    run: RunParameters, robot: Robot, clearance: float = CLEARANCE
+) -> tuple[Problem, Motion, dict[str, float], int]:
     """The best motion of a few starts, what it violates [tolerances], and the number of its start."""
-    problem, found = Problem(run, robot), []
+    problem, found = Problem(run, robot, clearance), []
     easy = easy_motion(run, robot)
     spread = problem.space.spread(problem.guess, 16)
     for number, x in enumerate([problem.guess, *spread]):
@@ -432,17 +442,78 @@ def judged(run: RunParameters, robot: Robot) -> tuple[Problem, Motion, dict[str,
     return problem, motion, violated, number
 
 
-def accepted(problem: Problem, motion: Motion, run: RunParameters) -> str:
-    """What the product says of the choices of a motion, and of their walk if it plans one."""
-    pitch = [np.arctan2(turn[0, 2], turn[2, 2]) for turn in problem.robot.trunk_rotations(motion.q)]
-    x = dict(zip(problem.space.names, motion.x.tolist(), strict=True))
-    complete = problem.space.parameters({**problem.base, **x, "lean": float(np.mean(pitch))}).as_is()
-    try:
-        PeriodicPlanner().plan(complete, problem.robot)
-    except (RefusedGait, InputError) as error:
-        return str(error.args[0])
-    walked = val.walk(complete.replace({"gait.steps": 30, "simulation.time_step": 2e-3}))
-    return f"accepted; its walk: {walked.verdict.name.value}"
+class Found:
+    """A planner that walks a motion that was found.
+
+    Args:
+        problem: of the motion.
+        motion: at the nodes.
+    """
+
+    def __init__(self, problem: Problem, motion: Motion) -> None:
+        self.problem, self.found = problem, motion
+
+    def run(self, steps: int) -> RunParameters:
+        """The run with the choices of the motion."""
+        problem, found = self.problem, self.found
+        pitch = [np.arctan2(turn[0, 2], turn[2, 2]) for turn in problem.robot.trunk_rotations(found.q)]
+        x = dict(zip(problem.space.names, found.x.tolist(), strict=True))
+        run = problem.space.parameters({**problem.base, **x, "lean": float(np.mean(pitch))})
+        return run.as_is().replace({"gait.steps": steps})
+
+    def plan(self, run: RunParameters, robot: Robot) -> WalkPlan:
+        """The plan of a run, with the motion as its posture; it begins in a state that meets the plan."""
+        steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
+        steps = steps.with_angular_momentum_offset(self.found.offset * robot.mass)
+        motion = self.motion()
+        start = InverseKinematics(robot, run).project(
+            step_reference(steps, np.zeros(1)), 0, motion.q[0].copy(), motion.v[0].copy()
+        )
+        return WalkPlan.of(steps, posture=PeriodicPosture(motion, self.problem.robot, start))
+
+    def motion(self) -> WholeBodyMotion:
+        """The step on a fine grid: cubic splines through the nodes of five steps."""
+        problem, found, model = self.problem, self.found, self.problem.model
+        robot, times = problem.robot, problem.tasks(found.x).time
+        time, q = [], []
+        for step in range(-2, 3):
+            side = found.q.copy() if step % 2 == 0 else robot.mirror_q(found.q)
+            side[:, 0] += step * problem.way
+            time.append(times[:-1] + step * times[-1])
+            q.append(side)
+        nodes = np.concatenate(q)
+        turns = np.array([pin.log3(pin.Quaternion(place[3:7]).matrix()) for place in nodes])
+        spline = CubicSpline(np.concatenate(time), np.hstack([nodes[:, :3], turns, nodes[:, 7:]]))
+
+        def states(at: Array) -> tuple[Array, Array]:
+            q, v = np.empty((len(at), robot.nq)), spline(at, 1)
+            for row, value in enumerate(spline(at)):
+                turn = pin.exp3(value[3:6])
+                q[row] = np.concatenate([value[:3], pin.Quaternion(turn).coeffs(), value[6:]])
+                v[row, :3], v[row, 3:6] = turn.T @ v[row, :3], pin.Jexp3(value[3:6]) @ v[row, 3:6]
+            return q, v
+
+        grid = np.linspace(0.0, times[-1], _FINE)
+        (q, v), (before, after) = states(grid), (states(grid + shift)[1] for shift in (-_SHORT, _SHORT))
+        momenta = [
+            pin.computeCentroidalMomentum(model, problem.data, *at).angular[2]
+            for at in zip(q, v, strict=True)
+        ]
+        turn, none = robot.trunk_rotations(q), Extreme(0.0)
+        pitch = np.arctan2(turn[:, 0, 2], turn[:, 2, 2])
+        report = MotionReport(found.offset * robot.mass, 0.0, float(pitch.mean()), (), none, none, none)
+        step = grid, q, v, (after - before) / (2.0 * _SHORT), pitch, np.array(momenta)
+        return WholeBodyMotion(robot.joint_names, *step, problem.way, 0.0, report)
+
+
+def walked(problem: Problem, motion: Motion, run: RunParameters) -> str:
+    """How the walk of a motion ends, and which limits it breaks; of one with more room if there is one."""
+    other, roomy, violated, _ = judged(run, problem.robot, _ROOM)
+    found = Found(other, roomy) if max(violated.values()) <= 1.0 else Found(problem, motion)
+    trial = val.walk(found.run(_WALKED), planner=found)
+    if trial.verdict.name is not VerdictName.FAIL:
+        return str(trial.verdict.name if trial.verdict.passed else trial.record.outcome.cause)
+    return "; ".join(f"{item.label} {item.against}" for item in trial.verdict.failed)
 
 
 def main() -> None:
@@ -460,7 +531,7 @@ def main() -> None:
             else:
                 what = max(violated, key=lambda item: violated[item])
                 seconds, keeps = time.process_time() - begun, violated[what] <= 1.0
-                said = accepted(problem, motion, run) if keeps else ""
+                said = walked(problem, motion, run) if keeps else ""
                 value = f"{violated[what] * TOLERANCES[what]:.3g} {what}"
                 row = (
                     name,

@@ -194,6 +194,12 @@ def test_recordings_of_users_files_stand_in_the_folder_that_is_asked_for():
     assert {"a_plan.csv-best", "b_plan.csv-worst"} <= found.extremes.keys()
 
 
+def test_a_table_without_newer_columns_is_ranked(tmp_path):
+    older = league(0).table.drop_columns(["plan_note", "energy_speed"])
+    found = rank(write_sweep(tmp_path / "sweep", older))
+    assert found.tables()[0].rows == RANKS
+
+
 def test_recordings_of_another_ranking_are_kept(ampm, tmp_path):
     (tmp_path / ROWS).touch()
     answer = ampm("rank", write_sweep(tmp_path / "sweep", league(0).table), "--recordings", tmp_path)

@@ -368,4 +368,7 @@ def read_sweep(folder: Path | str) -> SweepTable:
             f"{file} is not a table of a sweep of this version: it has no metadata "
             f"{TABLE_METADATA.decode()!r}; remove it, rows.jsonl has its rows."
         )
+    for column in schema():  # an earlier version may not have had it
+        if column.name not in table.column_names:
+            table = table.append_column(column, pa.nulls(table.num_rows, column.type))
     return SweepTable(table, folder, str(folder))
