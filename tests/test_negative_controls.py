@@ -86,8 +86,10 @@ def test_the_data_are_of_the_draw():
 @pytest.mark.slow
 def test_an_easy_gait_walks_and_slopes_are_those_of_differences():
     run = load_run(None, ["gait.step_length=0.5", "gait.steps=2"])
-    problem, motion, violated, _ = script("referee").judged(run, make_body(run).robot)
+    referee = script("referee")
+    problem, motion, violated, _ = referee.judged(run, make_body(run).robot)
     assert max(violated.values()) <= 1.0
+    assert referee.walked(problem, motion, run) == "pass"
     tasks, nv, n = problem.tasks(motion.x), problem.robot.nv, len(motion.q)
     values, slopes = problem.linearised(motion, tasks)
     change = 1e-6 * np.random.default_rng(0).normal(size=(n, nv))
