@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -108,17 +109,18 @@ class Ground:
 
         Footsteps of one height that follow each other share a rectangle. Where a lower one would be in it,
         only near ones share one. Its edges are :data:`EDGE` from their soles on the side of lower ones, and
-        half a metre elsewhere. They lie along the first footstep, or else along another one for which there
-        is room. Raises :class:`BodilyRefusal` if footsteps of different heights are too near to each other
-        for an edge.
+        half a metre elsewhere. They lie along the first footstep, or else along one that steps up or down.
+        Raises :class:`BodilyRefusal` if footsteps of different heights are too near to each other for an
+        edge.
         """
-        refusal = None
-        for heading in dict.fromkeys(step.heading for step in footsteps):
-            try:
-                return cls._along(heading, footsteps, sole)
-            except BodilyRefusal as error:
-                refusal = refusal or error
-        raise refusal or ValueError("there are no footsteps")
+        try:
+            return cls._along(footsteps[0].heading, footsteps, sole)
+        except BodilyRefusal:
+            stepped = (b for a, b in pairwise(footsteps) if a.position[2] != b.position[2])
+            for heading in dict.fromkeys(step.heading for step in stepped):
+                with suppress(BodilyRefusal):
+                    return cls._along(heading, footsteps, sole)
+            raise
 
     @classmethod
     def _along(cls, heading: float, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:

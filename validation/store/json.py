@@ -63,7 +63,7 @@ def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
         named = (str(part) for part in first["loc"] if part not in ("float", "str"))  # not pydantic's types
         where = ".".join(named) or "the file"
         what = first["msg"].lower().removeprefix("input ")
-        raise InputError(f"{path} is damaged: {where}: {what}; {way_out}.") from None
+        raise InputError(f"{path} is damaged, or of another version: {where}: {what}; {way_out}.") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
     except OSError:

@@ -194,7 +194,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     """Rank what a sweep varies, task by task; see :mod:`validation.study.rank`.
 
     A planner that refuses all of a task leaves it out. Where it walks some replicas, those that it refuses
-    and others walk count as not completed.
+    and others walk count as not completed. Walks of other steps than the task's do not count.
 
     Args:
         sweep: folder of a sweep, finished or not, or its table.
