@@ -48,7 +48,7 @@ Array33 = Annotated[Array, (3, 3)]
 Records = Any
 """Structured array, whose entries numba and a record array give as attributes."""
 
-_STILL = 0.01  # rate at which dry friction begins to have a direction [rad/s]
+_STILL = 0.003  # rate at which dry friction begins to have a direction [rad/s]
 
 
 class Joint:
