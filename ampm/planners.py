@@ -1,4 +1,7 @@
-"""Planners: from a run and a body to a complete walk."""
+"""Planners: from a run and a body to a complete walk.
+
+What needs the inverse kinematics, which is compiled, is imported where it is needed.
+"""
 
 import math
 from collections.abc import Mapping
@@ -13,7 +16,7 @@ from numpy.typing import ArrayLike
 from ampm.body.constant_posture import ConstantPosture
 from ampm.body.feasibility import check_body
 from ampm.body.limits import AT_MOST, Limit, check
-from ampm.body.motion import PeriodicPosture
+from ampm.body.motion import PeriodicPosture, RetimedPosture
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
@@ -29,7 +32,7 @@ from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.section import unknown
-from ampm.walk import RetimedPosture, WalkPlan
+from ampm.walk import WalkPlan
 
 
 class PeriodicPlanner:
@@ -70,7 +73,6 @@ def periodic_walk(steps: StepPlan, repeated: StepPlan, run: RunParameters, robot
     Raises BodilyRefusal and InputError as :meth:`PeriodicPlanner.plan`.
     """
     check_body(repeated, robot.description)
-    # Imported here, as the inverse kinematics is compiled.
     from ampm.body.orbit import solve_motion, start_across
 
     posture = PeriodicPosture(solve_motion(repeated, run, robot), robot)
@@ -256,7 +258,6 @@ class StandingPlanner:
         """
         if not self.com_height >= 0.0:
             raise InputError(f"planner.options.com_height = {self.com_height} must be 0 m or more; raise it.")
-        # Imported here, as the inverse kinematics is compiled.
         from ampm.body.inverse_kinematics import InverseKinematics
 
         q, duration, sole = pin.neutral(robot.model), run.command.duration, robot.description.sole
@@ -321,7 +322,6 @@ class FootstepPlanner:
 
 def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     """A walk from rest to rest with a constant posture; BodilyRefusal if the body cannot walk it."""
-    # Imported here, as the inverse kinematics is compiled.
     from ampm.body.walk_motion import check_walk
 
     for angle in (SPREAD_ARMS, 2.0 * SPREAD_ARMS):

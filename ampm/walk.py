@@ -41,32 +41,6 @@ class Posture(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class RetimedPosture:
-    """A posture whose phases have other durations; both clocks run alike before and after the given times."""
-
-    posture: Posture  # on its own clock
-    times: Array  # ascending, shape (K,) [s]
-    own: Array  # the same instants on its own clock, shape (K,) [s]
-
-    def sample(self, times: ArrayLike) -> PostureState:
-        """States at ``times``, shape (T,) [s]."""
-        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        beyond = time - np.clip(time, self.times[0], self.times[-1])
-        state = self.posture.sample(np.interp(time, self.times, self.own) + beyond)
-        phase = np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2)
-        pace = np.where(beyond, 1.0, (np.diff(self.own) / np.diff(self.times))[phase])
-        return state._replace(
-            v=pace[:, None] * state.v,
-            acceleration=pace[:, None] ** 2 * state.acceleration,
-            angular_momentum_z=pace * state.angular_momentum_z,
-        )
-
-    def report(self) -> dict[str, Any]:
-        """The posture's report."""
-        return self.posture.report()
-
-
 class SampledWalk(NamedTuple):
     """COM and ZMP, both feet and the posture at T times."""
 

@@ -1,4 +1,4 @@
-"""The whole-body motion of one step, and the posture of a walk that tiles it by mirroring.
+"""The whole-body motion of one step, and the posture of a walk that tiles it by mirroring, at any pace.
 
 The one-step map of the inverse kinematics is unstable: an error grows with every step. Therefore only one
 step is solved, as a periodic orbit (:mod:`ampm.body.orbit`). Every later step is its mirror image, moved
@@ -18,7 +18,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, ReadOnly
 from ampm.planner.contacts import read_only
-from ampm.walk import PostureState
+from ampm.walk import Posture, PostureState
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
@@ -141,6 +141,32 @@ class PeriodicPosture(Brief):
         first = (np.atleast_1d(times) <= 0.0)[:, None]
         q, v = (np.where(first, *pair) for pair in zip(self.start, (state.q, state.v), strict=True))
         return state._replace(q=q, v=v)
+
+
+@dataclass(frozen=True)
+class RetimedPosture:
+    """A posture whose phases have other durations; both clocks run alike before and after the given times."""
+
+    posture: Posture  # on its own clock
+    times: Array  # ascending, shape (K,) [s]
+    own: Array  # the same instants on its own clock, shape (K,) [s]
+
+    def sample(self, times: ArrayLike) -> PostureState:
+        """States at ``times``, shape (T,) [s]."""
+        time = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        beyond = time - np.clip(time, self.times[0], self.times[-1])
+        state = self.posture.sample(np.interp(time, self.times, self.own) + beyond)
+        phase = np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2)
+        pace = np.where(beyond, 1.0, (np.diff(self.own) / np.diff(self.times))[phase])
+        return state._replace(
+            v=pace[:, None] * state.v,
+            acceleration=pace[:, None] ** 2 * state.acceleration,
+            angular_momentum_z=pace * state.angular_momentum_z,
+        )
+
+    def report(self) -> dict[str, Any]:
+        """The posture's report."""
+        return self.posture.report()
 
 
 def _configuration_rate(q: Array, v: Array) -> Array:
