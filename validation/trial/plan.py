@@ -1,6 +1,6 @@
 """From a request to a planned walk: body, centroidal plan, feet and whole-body motion.
 
-Every trial plans its gait here.
+Every trial plans its gait here. Simulator and Pinocchio take a second to load: imports wait until then.
 """
 
 from __future__ import annotations
@@ -82,7 +82,6 @@ class Body(Brief):
     @classmethod
     def of(cls, model: BodyModel, shapes: Shapes | None = None) -> Body:
         """The body of a model, with shapes of its own."""
-        # Imported here: simulator and Pinocchio take a second to load.
         from ampm.body.robot import Robot
         from validation.trial.bridge import pinocchio_model
         from validation.trial.shapes import Shapes
@@ -125,7 +124,7 @@ class PlannedWalk(Brief):
 
         Raises :class:`InputError` if the run's disturbance does not fit the body or its plan.
         """
-        from validation.trial.scene import disturbed_model  # imported here because SciPy is slow to load
+        from validation.trial.scene import disturbed_model
 
         model = disturbed_model(self.body.model, self.run, self.plan.contacts)
         return self.body if model is self.body.model else Body.of(model)
@@ -224,7 +223,6 @@ def own_gait(run: RunParameters) -> RunParameters:
     """The run with mass and height of its body; of another body than the human with a gait of its size."""
     if run.body.source == HUMAN:
         return run
-    # Imported here: simulator and Pinocchio take a second to load.
     from ampm.tune.first_gait import first_gait
     from models.load import build_body
 
@@ -233,7 +231,6 @@ def own_gait(run: RunParameters) -> RunParameters:
 
 def make_body(run: RunParameters) -> Body:
     """Build the body of a run; raises InputError if it cannot be read, or Drake cannot step it."""
-    # Imported here: simulator and Pinocchio take a second to load.
     from models.load import build_body
     from validation.trial.engine import check_drake
 
@@ -259,7 +256,6 @@ def plan_walk(
     """
     asked = run = request.run
     progress = progress or Progress()
-    # Imported here: Pinocchio is slow to load.
     from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner, TablePlanner
 
     is_object = planner is not None
@@ -359,7 +355,7 @@ def tune_walk(request: Request, progress: Progress | None = None) -> PlannedWalk
         MathematicalRefusal, BodilyRefusal: nothing walks; a :class:`ampm.tune.tuning.NoFeasibleChoice` says
             which limit stayed broken.
     """
-    from ampm.planners import PeriodicPlanner  # imported here: Pinocchio is slow to load
+    from ampm.planners import PeriodicPlanner
     from ampm.tune.tuning import tune
 
     run, progress = request.run, progress or Progress()
@@ -387,7 +383,7 @@ def complete(request: Request, progress: Progress | None = None) -> Request:
 
 def _summary(run: RunParameters, tuned: Tuned) -> str:
     """One line: the values found, and in brackets those before, which for another body mean nothing."""
-    from ampm.tune.first_gait import EASY_KEYS  # imported here: it loads more than a plan needs
+    from ampm.tune.first_gait import EASY_KEYS
 
     def text(value: float | str) -> str:
         return value if isinstance(value, str) else f"{value:.3g}"
