@@ -7,6 +7,8 @@ forward by a step length.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -31,6 +33,17 @@ class Extreme:
     value: float  # in the unit of the quantity; NaN if nothing was measured
     time: float | None = None  # when, in the step or the walk [s]; None if nothing was measured
     where: str = ""  # side, joint, foot, or both parts of the body; empty if there is none to name
+
+    @classmethod
+    def of(cls, values: Array, time: Array, names: Sequence[str] = (), *, largest: bool = False) -> Extreme:
+        """Smallest or largest finite entry of (N,) or (N, M) at N times, and the name of its column."""
+        values = values if values.ndim == 2 else values[:, None]
+        known = np.isfinite(values)
+        if not known.any():
+            return cls(math.nan)
+        filled = np.where(known, values, -np.inf if largest else np.inf)
+        row, column = divmod(int(filled.argmax() if largest else filled.argmin()), values.shape[1])
+        return cls(float(values[row, column]), float(time[row]), names[column] if names else "")
 
 
 @dataclass(frozen=True)

@@ -132,15 +132,9 @@ def _motion(
         residual=step_map.size(step_map.residual(orbit.z, step)),
         mean_trunk_pitch=step_map.mean_pitch(step),
         multipliers=multipliers,
-        knee_minimum=_least(robot.knee_flexion(step.q), time, ("left", "right")),
-        joint_limit_margin=_least(margins, time, robot.joint_names),
+        knee_minimum=Extreme.of(robot.knee_flexion(step.q), time, ("left", "right")),
+        joint_limit_margin=Extreme.of(margins, time, robot.joint_names),
         clearance=Extreme(float(gaps.distance[closest]), float(time[2 * closest]), gaps.parts[closest]),
     )
     contacts = plan.contacts
     return WholeBodyMotion(robot.joint_names, time, *step, contacts.step_length, contacts.step_rise, report)
-
-
-def _least(values: Array, time: Array, names: tuple[str, ...]) -> Extreme:
-    """Smallest of values, shape (n+1, k), of k names."""
-    when, which = np.unravel_index(int(np.argmin(values)), values.shape)
-    return Extreme(float(values[when, which]), float(time[when]), names[int(which)])

@@ -4,7 +4,6 @@ Units and meanings are listed in :mod:`validation.judge.metrics`.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def tilt_warnings(tilt: float | None, where: str) -> list[str]:
 def largest_tilt(q: Array, time: Array, description: BodyDescription, shapes: Shapes) -> Extreme:
     """Largest angle of pelvis or trunk from upright [rad], at MuJoCo configurations q, shape (T, nq)."""
     names = (description.root_segment, description.trunk_segment)
-    return _extreme(shapes.tilts(q, names), time, names, largest=True)
+    return Extreme.of(shapes.tilts(q, names), time, names, largest=True)
 
 
 def feedback_effort(record: SimulationRecord, sample: PlanSample, rows: Flags) -> dict[str, Any]:
@@ -92,22 +91,22 @@ def margins(
     friction = np.hypot(measured.foot_force[..., 0], measured.foot_force[..., 1]) / normal
     found: dict[str, Any] = {
         **_motors(record, time),
-        "friction": _extreme(friction, time, feet, largest=True),
+        "friction": Extreme.of(friction, time, feet, largest=True),
         "friction_available": record.friction,
-        "joint": _extreme(room, record.time, joints),
-        "knee": _extreme(knees, record.time, [leg.knee for leg in legs]),
+        "joint": Extreme.of(room, record.time, joints),
+        "knee": Extreme.of(knees, record.time, [leg.knee for leg in legs]),
         "clearance": _clearance(record, shapes),
         "tilt": Extreme(math.nan),
         "plan_polygon": _plan_polygon(followed, record, time),
-        "measured_polygon": _extreme(measured.polygon_margin, time),
-        "penetration": _extreme(measured.penetration, time, feet, largest=True),
+        "measured_polygon": Extreme.of(measured.polygon_margin, time),
+        "penetration": Extreme.of(measured.penetration, time, feet, largest=True),
     }
     if description is not None and shapes:
         found["tilt"] = largest_tilt(*_postures(record), description, shapes)
     if fastest := dict(() if description is None else description.speed_limits):
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
         shares = np.abs(rates[:, columns]) / limits
-        found["speed"] = _extreme(shares, record.time, list(fastest), largest=True)
+        found["speed"] = Extreme.of(shares, record.time, list(fastest), largest=True)
     return found
 
 
@@ -118,7 +117,7 @@ def _motors(record: SimulationRecord, time: Array) -> dict[str, Any]:
     np.abs(use, out=use)
     saturated = np.count_nonzero((use >= SATURATED).any(axis=1))
     return {
-        "torque": _extreme(use, time, joints, largest=True),
+        "torque": Extreme.of(use, time, joints, largest=True),
         "torque_by_joint": dict(zip(joints, use.max(axis=0, initial=0.0).tolist(), strict=True)),
         "saturated": saturated / time.size if time.size and joints else math.nan,
     }
@@ -131,7 +130,7 @@ def _plan_polygon(followed: Followed, record: SimulationRecord, time: Array) -> 
     least = followed.plans[0].least_zmp_margin
     if least is not None and not followed.moved and record.outcome.completed:
         return Extreme(*least)
-    return _extreme(followed.at(time).zmp_margin, time)
+    return Extreme.of(followed.at(time).zmp_margin, time)
 
 
 def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
@@ -170,14 +169,3 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     gaps = shapes.recorded_gaps(q)
     closest = int(gaps.distance.argmin())
     return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
-
-
-def _extreme(values: Array, time: Array, names: Sequence[str] = (), *, largest: bool = False) -> Extreme:
-    """Largest or smallest entry of (N,) or (N, M), with its time and the name of its column."""
-    values = values if values.ndim == 2 else values[:, None]
-    known = np.isfinite(values)
-    if not known.any():
-        return Extreme(math.nan)
-    filled = np.where(known, values, -np.inf if largest else np.inf)
-    row, column = divmod(int(filled.argmax() if largest else filled.argmin()), values.shape[1])
-    return Extreme(float(values[row, column]), float(time[row]), names[column] if names else "")
