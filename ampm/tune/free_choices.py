@@ -251,7 +251,8 @@ class FreeChoices:
         choice = self._passing_choice(choice)
         if self._lift_rate(choice) >= _FASTEST_LIFT:  # the step is shorter than the foot: no heel rises
             choice["toe_off"] = 0.0
-        choice = self._lift_off(choice)
+        # A foot without toes turns less: its heel rises late, and so in a short time.
+        choice["toe_off"] *= min(1.0, _LIFT_RATE / max(self._lift_rate(choice), 1e-9))
         if "height" in self.names:
             choice["height"] = self._height(choice)
         return choice if self.flat else self._set_down(choice)
@@ -262,11 +263,6 @@ class FreeChoices:
             with contextlib.suppress(RefusedGait):
                 return self.parameters(choice).foot.toe_off_rate
         return 0.0
-
-    def _lift_off(self, choice: dict[str, float]) -> dict[str, float]:
-        """Turn a foot without toes less: its heel rises late, and so in a short time."""
-        slower = min(1.0, _LIFT_RATE / max(self._lift_rate(choice), 1e-9))
-        return {**choice, "toe_off": choice["toe_off"] * slower}
 
     def _set_down(self, choice: dict[str, float]) -> dict[str, float]:
         """Bring the front foot down before the ZMP needs more of it than its heel, and not too fast."""
