@@ -107,9 +107,7 @@ def _solve_by_qpsolvers(problems: Sequence[QPProblem], solver: str) -> tuple[Arr
         raise ImportError(f"{solver} is not installed")
     matrix = np.ascontiguousarray if solver in qpsolvers.dense_solvers else csc_matrix
     forms = [qpsolvers.Problem(*_one_sided(problem, matrix)) for problem in problems]
-    rounds = []
-    for _ in range(_ROUNDS):
-        rounds.append([qpsolvers.solve_problem(form, solver) for form in forms])
+    rounds = [[qpsolvers.solve_problem(form, solver) for form in forms] for _ in range(_ROUNDS)]
     seconds = np.min([[solution.solve_time for solution in solutions] for solutions in rounds], axis=0)
     return seconds, np.stack([solution.x for solution in rounds[0]])
 

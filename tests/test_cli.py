@@ -310,11 +310,8 @@ def plan(statement):
 def test_the_tables_that_are_changed_are_read():
     log("com_y = com_y + 1e-3")
     flight = log("force_z[5:11] = 0.0; zmp_x[5:11] = np.nan")
-    assert (flight.time.size, flight.lost.any(), "zmp" in flight.signals) == (
-        40,
-        False,
-        True,
-    )  # nothing carries there
+    # Nothing carries there.
+    assert (flight.time.size, flight.lost.any(), "zmp" in flight.signals) == (40, False, True)
     plan("")
 
 
