@@ -158,7 +158,7 @@ class Writer:
     def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
         """Write the sole of a leg into its foot, and describe the leg."""
         outline, sign = self.file.sole, 1.0 if side == "left" else -1.0
-        turn = self._sole_turn()
+        turn = sole_turn(self.file.sole.pitch)
         origin = turn @ np.array([outline.reference, sign * outline.middle, outline.bottom])
         origin += self.tree.foot_offset * (1.0, sign, 1.0)
         add(foot, "site", name=f"{side}_sole", pos=origin, quat=scene.quaternion(turn))
@@ -185,17 +185,12 @@ class Writer:
             knee_sign=bends,
         )
 
-    def _sole_turn(self) -> Array:
-        """Rotation of both soles to world with all joints at 0, shape (3, 3)."""
-        c, s = math.cos(self.file.sole.pitch), math.sin(self.file.sole.pitch)
-        return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
         hip, ankle = self._anchor_about(leg.hip, 1), self._anchor_about(leg.ankle, 1)
         foot = self.tree.segments[leg.foot].place + self.tree.foot_offset
-        under = (ankle - foot) @ self._sole_turn()  # of the ankle, in the sole's axes
+        under = (ankle - foot) @ sole_turn(self.file.sole.pitch)  # of the ankle, in the sole's axes
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
@@ -360,6 +355,12 @@ class Writer:
             if angle := given.get(name, mirrored):
                 angles.append((name, angle))
         return tuple(angles)
+
+
+def sole_turn(pitch: float) -> Array:
+    """Rotation of both soles to world with all joints at 0, by their ``pitch`` [rad], shape (3, 3)."""
+    c, s = math.cos(pitch), math.sin(pitch)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _add_joints(element: Element, segment: Segment) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from models.load import LEG_JOINTS
+from models.load import LEG_JOINTS, sole_turn
 from models.source import MASSLESS, compiled_source, pattern_of, source_path
 from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
 
@@ -189,8 +189,7 @@ def fit_sole(points: Array) -> dict[str, float]:
         down = area[flat] @ normal[flat]
         pitch = float(np.arctan2(-down[0], -down[2]))
         pitch = pitch if abs(pitch) > _LEVEL else 0.0
-        c, s = np.cos(pitch), np.sin(pitch)
-        part = corners[flat].reshape(-1, 3) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+        part = corners[flat].reshape(-1, 3) @ sole_turn(pitch)
         outline = part[ConvexHull(part[:, :2]).vertices, :2]
     except (QhullError, ValueError):  # too few points, or all in one plane
         return {}
