@@ -179,7 +179,7 @@ def report(
     if figures is not None:
         paper = load_paper(directory)
         with Narrator().stage("figures"):
-            write_paper(figures, *paper, form=form, width=column, table_form=tables, force=force)
+            write_paper(figures, paper, form=form, width=column, table_form=tables, force=force)
         print_line(str(figures))
     elif tables is not None:
         print_line(as_text(load_paper(directory).tables, tables))

@@ -36,6 +36,14 @@ class Citation(NamedTuple):
     bibtex: str  # entry of a bibliography
 
 
+class Paper(NamedTuple):
+    """Figures and tables in the order of the page, and how to cite the runs."""
+
+    figures: Sequence[Picture]
+    tables: Sequence[Table]
+    citations: Sequence[Citation]
+
+
 def parse_width(text: str) -> float:
     """A width such as ``88mm`` in millimetres; raises InputError of no length, or of one that no page has."""
     found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(mm|cm|in|pt|m)\s*", text)
@@ -86,15 +94,7 @@ def cite_run(saved: SavedRun) -> Citation:
 
 
 def write_paper(
-    folder: Path,
-    figures: Sequence[Picture],
-    tables: Sequence[Table],
-    citations: Sequence[Citation],
-    *,
-    form: str = "pdf",
-    width: float = 88.0,
-    table_form: str | None = None,
-    force: bool = False,
+    folder: Path, paper: Paper, *, form: str, width: float, table_form: str | None, force: bool
 ) -> None:
     """Write everything into a folder; with ``force`` into one that is not empty, where equal names go.
 
@@ -105,14 +105,14 @@ def write_paper(
     check_target(folder, None, force=force, way_out="--force to replace files in it")
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
     texts = {
-        "captions.txt": "".join(f"{figure.text}\n\n" for figure in figures),
-        "cite.txt": "".join(f"{item.text}\n" for item in citations),
-        "cite.bib": "\n".join(item.bibtex for item in citations),
+        "captions.txt": "".join(f"{figure.text}\n\n" for figure in paper.figures),
+        "cite.txt": "".join(f"{item.text}\n" for item in paper.citations),
+        "cite.bib": "\n".join(item.bibtex for item in paper.citations),
     }
     if table_form:
-        texts[f"tables.{table_form}"] = as_text(tables, table_form)
+        texts[f"tables.{table_form}"] = as_text(paper.tables, table_form)
     files = {name: text.encode() for name, text in texts.items()}
-    for figure in figures:
+    for figure in paper.figures:
         words = re.sub(r"\W+", " ", figure.label.lower())
         slug = textwrap.shorten(words, 40, placeholder="").replace(" ", "-")
         points = (two if figure.wide else width) / _POINT

@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
-from validation.show.chart import Picture
 from validation.show.cost_table import cost_table
-from validation.show.paper import STUDIED, UNSTUDIED, Citation, cite_run
+from validation.show.paper import STUDIED, UNSTUDIED, Paper, cite_run
 from validation.show.report import split_table, write_report
 from validation.show.run_figures import RunFigures
 from validation.store.saved import load_saved_run
@@ -16,14 +14,6 @@ from validation.study.sweep.figures import draw_sweep
 from validation.study.sweep.report import cite_sweep, sweep_metric_table, write_sweep_report
 from validation.study.sweep.table import is_sweep, read_sweep
 from validation.table import Table
-
-
-class Paper(NamedTuple):
-    """Figures and tables in the order of the page, and how to cite the runs."""
-
-    figures: Sequence[Picture]
-    tables: Sequence[Table]
-    citations: Sequence[Citation]
 
 
 def load_paper(folder: Path) -> Paper:
