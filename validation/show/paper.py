@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ampm.exceptions import InputError
 from validation.show.chart import Picture
-from validation.store.folders import check_target, output_file
+from validation.store.folders import check_target, write_whole
 from validation.store.json import dump_json
 from validation.store.saved import SavedRun, digests
 from validation.table import Table, tex
@@ -104,22 +104,20 @@ def write_paper(
     """
     check_target(folder, None, force=force, way_out="--force to replace files in it")
     two = max(width, min(2.0 * width + GUTTER, _TEXT_WIDTH))
-    texts = {
+    files: dict[str, str | bytes] = {
         "captions.txt": "".join(f"{figure.text}\n\n" for figure in paper.figures),
         "cite.txt": "".join(f"{item.text}\n" for item in paper.citations),
         "cite.bib": "\n".join(item.bibtex for item in paper.citations),
     }
     if table_form:
-        texts[f"tables.{table_form}"] = as_text(paper.tables, table_form)
-    files = {name: text.encode() for name, text in texts.items()}
+        files[f"tables.{table_form}"] = as_text(paper.tables, table_form)
     for figure in paper.figures:
         words = re.sub(r"\W+", " ", figure.label.lower())
         slug = textwrap.shorten(words, 40, placeholder="").replace(" ", "-")
         points = (two if figure.wide else width) / _POINT
         files[f"figure-{figure.number:02d}-{slug}.{form}"] = figure.as_file(form, points)
     for name, content in files.items():
-        with output_file(folder / name) as work:
-            work.write_bytes(content)
+        write_whole(folder / name, content)
 
 
 def as_text(tables: Sequence[Table], form: str) -> str:

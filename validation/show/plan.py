@@ -12,7 +12,7 @@ from ampm.planner.contacts import footprint
 from ampm.planner.support import StepPlan
 from validation.show.chart import WIDTH, Chart, Picture, new_charts
 from validation.show.style import COMMAND, FAINT, INK, LEFT, MEASURED, PLAN, RIGHT, SHADE
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 
 _SHOWN_STEPS = 4  # a periodic gait repeats itself every two
 _POINTS = 1200
@@ -70,8 +70,7 @@ def plot_plan(plan: CentroidalPlan, path: Path, *, title: str) -> None:
         chart.name(what, unit)
     top.width += beside
     _draw_top(top, plan, sample)
-    with output_file(path) as work:
-        work.write_bytes(Picture([*charts, top], title).as_file(path.suffix[1:]))
+    write_whole(path, Picture([*charts, top], title).as_file(path.suffix[1:]))
 
 
 def _draw_top(chart: Chart, plan: CentroidalPlan, sample: PlanSample) -> None:

@@ -19,7 +19,7 @@ from validation.show.cost_table import cost_table, reported_table
 from validation.show.page import render_page
 from validation.show.paper import cite_run
 from validation.show.run_figures import RunFigures, strides
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 from validation.store.json import dump_json, read_json
 from validation.store.saved import SavedRun, load_saved_run, run_events
 from validation.table import Table, format_number, short_unit
@@ -36,10 +36,7 @@ def write_report(run: str | Path | SavedRun) -> Path:
     An earlier report is replaced. Raises :class:`InputError` if it is not a run folder.
     """
     saved = run if isinstance(run, SavedRun) else load_saved_run(run)
-    path = saved.directory / RunFile.REPORT
-    with output_file(path) as work:
-        work.write_text(render(saved), encoding="utf-8")
-    return path
+    return write_whole(saved.directory / RunFile.REPORT, render(saved))
 
 
 def render(saved: SavedRun) -> str:

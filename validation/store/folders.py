@@ -121,6 +121,13 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
         work.unlink(missing_ok=True)
 
 
+def write_whole(target: Path, content: str | bytes) -> Path:
+    """Write a file, of a text in UTF-8, and return it; see :func:`output_file`."""
+    with output_file(target) as work:
+        work.write_bytes(content.encode() if isinstance(content, str) else content)
+    return target
+
+
 def check_output_file(target: Path, *, force: bool) -> None:
     """Refuse a folder, and a file that exists unless ``force`` is on."""
     if target.is_dir():

@@ -9,7 +9,7 @@ from typing import Any
 
 from ampm.exceptions import InputError
 from ampm.files import read_text
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 
 
 def json_ready(value: Any) -> Any:
@@ -44,8 +44,7 @@ def dump_json(value: Any) -> str:
 
 def write_json(path: Path, value: Any) -> None:
     """Write a nested value as JSON, see :func:`json_ready`; whole or not at all."""
-    with output_file(path) as work:
-        work.write_text(dump_json(value) + "\n", encoding="utf-8")
+    write_whole(path, dump_json(value) + "\n")
 
 
 def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:

@@ -34,7 +34,7 @@ from validation.show.curves import CURVES, DIFFERENCES, VELOCITIES
 from validation.show.rerun import views
 from validation.show.rerun.body import segment_entity, segment_poses, segment_shapes
 from validation.show.rerun.views import COMMAND, FAINT, LEFT, MEASURED, PLAN, RIGHT, Color
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 from validation.store.saved import SavedRun, keep_digest_of_recording, load_saved_run, run_events
 from validation.store.signals import Signals, changes
 from validation.trial.files import RunFile
@@ -123,8 +123,7 @@ def _open_stream(
     stream.send_blueprint(blueprint)  # active: the browser would show its own layout
     yield stream
     stream.flush()
-    with output_file(path) as work:
-        work.write_bytes(memory.drain_as_bytes())
+    write_whole(path, memory.drain_as_bytes())
 
 
 class _Log:

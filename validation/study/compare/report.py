@@ -20,7 +20,7 @@ from validation.show.page import render_page
 from validation.show.paper import cite_run
 from validation.show.run_figures import middle, middle_name, shade_double_support, strides
 from validation.show.style import INK, PARTS
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 from validation.store.json import read_json, write_json
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import Side, WalkComparison, comparison_of
@@ -61,9 +61,7 @@ def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> 
         if not all((side.run.directory / name).is_file() for name in (RunFile.REPORT, RunFile.RECORDING)):
             draw_run(side.run.directory, side.label)
     write_json(folder / COMPARISON_FILE, numbers)
-    with output_file(folder / REPORT) as work:
-        work.write_text(render(result, folder), encoding="utf-8")
-    return folder / REPORT
+    return write_whole(folder / REPORT, render(result, folder))
 
 
 def render(result: WalkComparison | SweepComparison, folder: Path) -> str:

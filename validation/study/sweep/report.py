@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from validation.show.page import render_page
 from validation.show.paper import Citation, cite
-from validation.store.folders import output_file
+from validation.store.folders import write_whole
 from validation.study.sweep.figures import MOST_POINTS, draw_sweep, texts
 from validation.study.sweep.table import BROKEN, RunState, SweepFile, SweepTable, read_sweep
 from validation.table import Table, format_number, format_value, short_unit
@@ -27,11 +27,7 @@ def write_sweep_report(directory: Path) -> Path:
 
     Raises :class:`InputError` if the folder holds no sweep, or no result yet.
     """
-    path = Path(directory) / SweepFile.REPORT
-    text = render(read_sweep(directory))
-    with output_file(path) as file:
-        file.write_text(text, encoding="utf-8")
-    return path
+    return write_whole(Path(directory) / SweepFile.REPORT, render(read_sweep(directory)))
 
 
 def render(sweep: SweepTable) -> str:

@@ -16,7 +16,7 @@ from validation.judge.metrics import METRICS
 from validation.progress import Progress
 from validation.run.walk import timed
 from validation.store.environment import parameter_values
-from validation.store.folders import output_file
+from validation.store.folders import output_file, write_whole
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
@@ -77,8 +77,7 @@ def _tasks(definition: SweepDefinition, folder: Path | None) -> Iterator[Task]:
     """Every run; before the first, when the engine has locked the folder, the definition is written there."""
     if folder is not None:
         (folder / SweepFile.RESULTS).unlink(missing_ok=True)
-        with output_file(folder / SweepFile.DEFINITION) as file:
-            file.write_text(dump_sweep(definition), encoding="utf-8")
+        write_whole(folder / SweepFile.DEFINITION, dump_sweep(definition))
         (folder / ROWS).touch()  # a sweep that ends before its first row can be resumed
     for run in range(len(definition)):
         yield task_of(definition, run)
