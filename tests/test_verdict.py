@@ -315,8 +315,15 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     wind = replace(pushed, external_force=force + 1.0)  # which is no push
     assert recovery_time(compare(plan, wind, replace(measured, zmp=zmp))) == times[0]
     earlier = measured.zmp.copy()
-    earlier[110:150, 1] = 0.5  # after a push that is not the last one
-    assert recovery_time(compare(plan, pushed, replace(measured, zmp=earlier))) == recovery
+    earlier[110:150, 1] = 0.5  # between pushes that are less than a step apart
+    assert recovery_time(compare(plan, pushed, replace(measured, zmp=earlier))) == 0.0
+    apart = np.zeros_like(force)
+    apart[[100, 200 + step]] = 10.0
+    apart = replace(pushed, external_force=apart)
+    assert recovery_time(compare(plan, apart, replace(measured, zmp=earlier))) == recovery
+    shifted = measured.zmp.copy()
+    shifted[210:600, 1] += 0.008  # within the largest error, not the RMS, which later steps do not lower
+    assert recovery_time(compare(plan, pushed, replace(measured, zmp=shifted))) > 385 * record.time_step
     later = replace(pushed, external_force=np.roll(force, 2 * step, axis=0))
     unfit = np.roll(earlier, step, axis=0)  # before the first push
     assert recovery_time(compare(plan, later, replace(measured, zmp=unfit))) == np.inf

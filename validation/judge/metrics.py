@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError, words_of
-from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.section import unknown
 from validation.judge.built_in import COMPUTED
@@ -263,12 +262,12 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Longest time from the end of a push from which on every error keeps its limits until the next push [s].
+    """Longest time from the end of a push until all errors keep their limits in every step that follows [s].
 
-    After the last one it is for a step or more; a push that comes earlier belongs to the one before, and a
-    force that never ends is none. Infinite if the errors do not keep them within its own limit, or did not
-    for a step or more before the first push; NaN if the walk ends before that; None if nothing pushed the
-    body, or without a plan.
+    The steps are all windows of a step's duration up to the next push, or to the end of the walk; pushes less
+    than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
+    limits within its own limit, or did not from the begin to the first push, if that was a step or more; NaN
+    if the walk ends before that; None if nothing pushed the body, or without a plan.
     """
     record = walk.record
     if walk.plan.command is not None or not (pushes := push_rows(record)):
@@ -278,34 +277,31 @@ def _recovery_time(walk: Comparison) -> float | None:
     step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
     pairs = signal_pairs(walk.sample, walk.measured, record)
     errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
-    if first - judged >= step and not _kept(errors, judged, first, walk.unpushed_limits)[0]:
+
+    def kept(begin: int, end: int, rows: int = step) -> NDArray[np.bool_]:
+        """Whether errors keep their limits in a window of some rows and in all later ones, by its begin."""
+        within = np.ones(max(end - begin - rows + 1, 0), dtype=bool)
+        for name, error in errors.items() if within.size else ():
+            of, limits = error[begin:end], walk.unpushed_limits
+            broken = ~(of <= limits.get(f"{name}_maximum", math.inf))
+            squares = np.where(broken, 0.0, of) ** 2
+            sums = np.cumsum(np.vstack([np.zeros(2), np.column_stack([broken, squares])]), axis=0)
+            count, square = (sums[rows:] - sums[:-rows]).T
+            within &= (count == 0) & (square <= rows * limits.get(f"{name}_rmse", math.inf) ** 2)
+        return np.logical_and.accumulate(within[::-1])[::-1]
+
+    if first - judged >= step and not kept(judged, first, first - judged)[0]:
         return math.inf
     longest = 0
     for begin, end in others:
-        if (kept := np.flatnonzero(_kept(errors, start, begin, walk.unpushed_limits))).size:
-            longest, start = max(longest, int(kept[0])), end
-    within = _kept(errors, start, record.steps, walk.unpushed_limits)
-    begins = np.flatnonzero(within[: max(len(within) - step + 1, 0)])
-    if begins.size:
-        return max(longest, int(begins[0])) * record.time_step
-    ends = record.time_step * (len(within) - step) < METRICS["recovery_time"].tolerances["pushed"]
+        if begin - start < step:
+            start = end
+        elif (recovered := np.flatnonzero(kept(start, begin))).size:
+            longest, start = max(longest, int(recovered[0])), end
+    if (recovered := np.flatnonzero(kept(start, record.steps))).size:
+        return max(longest, int(recovered[0])) * record.time_step
+    ends = record.time_step * (record.steps - start - step) < METRICS["recovery_time"].tolerances["pushed"]
     return math.nan if ends else math.inf
-
-
-def _kept(
-    errors: Mapping[str, Array], first: int, last: int, limits: Mapping[str, float]
-) -> NDArray[np.bool_]:
-    """Whether, from each of some steps to the last, every RMS and largest error keeps its limit."""
-    within = np.ones(last - first, dtype=bool)
-    for name, error in errors.items():
-        backwards = np.nan_to_num(error[first:last][::-1], nan=np.inf)
-        rests = {
-            "rmse": np.sqrt(np.cumsum(backwards**2) / np.arange(1, len(backwards) + 1)),
-            "maximum": np.maximum.accumulate(backwards),
-        }
-        for statistic, values in rests.items():
-            within &= values[::-1] <= limits.get(f"{name}_{statistic}", math.inf)
-    return within
 
 
 def _cost(walk: Comparison, name: str) -> float:
