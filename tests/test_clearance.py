@@ -1,5 +1,7 @@
 """A body that passes through itself is found: before it walks, and in the walk."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from validation.show.report import render
 from validation.store.saved import load_saved_run
 from validation.trial.shapes import REACH, Shapes, least_distances
 
+BIPED = Path(__file__).parents[1] / "docs" / "examples" / "biped.toml"
 LIMB = """<body name="{name}" pos="0 {y} 0">
   <joint name="{name}_x" axis="1 0 0"/><joint name="{name}_y" axis="0 1 0"/>
   <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
@@ -90,6 +93,12 @@ def test_arms_legs_and_trunk_are_watched(angles, parts):
     assert gaps.parts == (parts,)
     assert gaps.distance[0] < 0.0
     assert bent(left_shoulder_roll=0.1, right_shoulder_roll=-0.1).distance[0] > CLEARANCE
+
+
+def test_the_torso_of_a_body_without_arms_is_no_limb():
+    """A small body was refused, as its chest comes near its thighs."""
+    body = build_body(load_run(None, body={"source": str(BIPED)}))
+    assert len(Shapes(body.compile(), body.description.trunk_segment)) < len(Shapes(body.compile()))
 
 
 def test_of_the_legs_alone_a_hand_on_a_thigh_is_not_seen():

@@ -221,12 +221,17 @@ def _check(values: NDArray[Any], name: str, good: NDArray[np.bool_], rule: str) 
 
 
 def repeats(plan: CentroidalPlan) -> bool:
-    """Whether every step is the mirror image of the step before, about y = 0."""
+    """Whether every step is the mirror image of the step before, about y = 0.
+
+    Raises InputError if they are about another y.
+    """
     contacts, constants = plan.contacts, plan.constants
     single, step, length = constants.single_support_duration, constants.step_duration, contacts.step_length
     number = np.arange(contacts.steps)
     starts = np.column_stack([number * step, number * step + single]).ravel()
     places = np.array([footstep.position[:2] for footstep in contacts.footsteps])
+    aside = np.array([0.0, places[:2, 1].mean()])
+    places -= aside
     first = mirrored(places[1], np.arange(-1, len(places) - 1), length)
     if len(starts) != len(contacts.starts) or len(places) != len(number) + 2:
         return False
@@ -235,9 +240,16 @@ def repeats(plan: CentroidalPlan) -> bool:
     times = step * np.arange(_GRID * len(number) + 1) / _GRID
     times = times[times <= plan.duration]
     com = plan.sample(times).com @ [[1.0, 0.0, -contacts.slope[0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    com[:, :2] -= aside
     later, index = np.divmod(np.arange(len(com)), _GRID)
     first = np.column_stack([mirrored(com[index, :2], later, length), com[index, 2]])
-    return bool(np.abs(com - first).max() <= REPEATED)
+    if np.abs(com - first).max() > REPEATED:
+        return False
+    if abs(aside[1]) > _SAME:
+        raise InputError(
+            f"the steps repeat about y = {aside[1]:g} m, not about 0; subtract it from COM, ZMP and feet."
+        )
+    return True
 
 
 def mirrored(places: Array, steps: NDArray[Any], length: float) -> Array:

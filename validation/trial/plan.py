@@ -87,7 +87,7 @@ class Body(Brief):
         from validation.trial.shapes import Shapes
 
         compiled = model.compile()
-        shapes = shapes or Shapes(compiled)
+        shapes = shapes or Shapes(compiled, model.description.trunk_segment)
         return cls(model, Robot(pinocchio_model(compiled), model.description, shapes), shapes)
 
     def own_robot(self) -> Robot:

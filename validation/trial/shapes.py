@@ -27,18 +27,19 @@ TRUNK = 0
 class Shapes:
     """Shapes of a compiled body and the pairs of them that must keep apart; ``only_legs`` those of both legs.
 
-    A limb is a chain of segments to a free end, a leg one that has sole points; the rest is the trunk. Left
-    out are pairs within one limb or the trunk, of segments that a joint connects, directly or by way of short
-    segments between its hinges, of leg and trunk, and of shapes that are drawn into each other: they overlap
-    with all joints at 0.
+    The trunk is the root, the segment ``trunk``, what lies between them, and all that bears several limbs. A
+    limb is a chain of segments from there to a free end, a leg one that has sole points. Left out are pairs
+    within one limb or the trunk, of segments that a joint connects, directly or by way of short segments
+    between its hinges, of leg and trunk, and of shapes that are drawn into each other: they overlap with all
+    joints at 0.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, only_legs: bool = False) -> None:
+    def __init__(self, model: mujoco.MjModel, trunk: str | None = None, *, only_legs: bool = False) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         own = model.geom_bodyid > 0
         touches = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-        limb = _limbs(model.body_parentid)
+        limb = _limbs(model.body_parentid, model.body(trunk).id if trunk else 1)
         leg = np.isin(limb, limb[model.geom_bodyid[own & touches]])
         shapes = np.flatnonzero(own & ~touches)
         pairs = shapes[np.stack(np.triu_indices(len(shapes), 1))]
@@ -158,8 +159,8 @@ def _reach(half: Array, ellipsoid: bool, turn: Array, way: Vector) -> float:
     return math.sqrt(total) if ellipsoid else total
 
 
-def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
-    """Limb of each segment, from the parents of all, the world's first."""
+def _limbs(parents: NDArray[np.integer], trunk: int) -> NDArray[np.intp]:
+    """Limb of each segment, from the parents of all, the world's first, and the number of the trunk."""
     limb = np.full(len(parents), TRUNK)
     children = np.bincount(parents[1:], minlength=len(parents))
     for number, end in enumerate(np.flatnonzero(children == 0).tolist(), 1):
@@ -167,4 +168,7 @@ def _limbs(parents: NDArray[np.integer]) -> NDArray[np.intp]:
         while segment > 0 and children[segment] <= 1:
             limb[segment] = number
             segment = int(parents[segment])
+    while trunk > 0:
+        limb[trunk] = TRUNK
+        trunk = int(parents[trunk])
     return limb
