@@ -131,7 +131,8 @@ def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, slope, across):
 def test_steps_that_repeat_about_another_line_than_y_0_are_refused():
     """They were walked with a constant posture, and failed by it."""
     table = table_of(planned())
-    moved = {f"{name}_y": table[f"{name}_y"] + 0.3 for name in ("com", "zmp", "left", "right")}
+    places = "com", "zmp", "left_placement", "right_placement"
+    moved = {f"{name}_y": table[f"{name}_y"] + 0.3 for name in places}
     with pytest.raises(ampm.InputError, match=r"repeat about y = 0\.3 m, not about 0; subtract it"):
         repeats(read(table | moved))
 
