@@ -132,6 +132,17 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     assert trial.verdict.reason.startswith("Pass on 11 of 11; 15.5% of the time is left out")
 
 
+@pytest.mark.parametrize("of", ["holes", "random", "clock"])
+def test_empty_rows_are_lost_time_if_they_are_not_those_of_a_faster_clock(folder, table, of):
+    """Holes of 25 ms, every second row at random, and a ZMP at 100 Hz in a log at 400 Hz."""
+    row = np.arange(len(table["time"]))
+    empty = {"holes": row % 100 < 10, "random": np.random.default_rng(0).random(row.size) < 0.5}
+    table["zmp_x"][empty.get(of, row % 4 > 0)] = np.nan
+    trial = val.judge_log(table, folder, start=0.0)
+    assert trial.verdict.passed is (of == "clock"), trial.verdict.reason
+    assert ("% of the time is left out" in trial.verdict.reason) is (of != "clock")
+
+
 def test_two_rates_are_no_gaps_and_a_momentum_may_have_some(folder, table):
     few = np.r_[0:600, 600 : len(table["time"]) : 4]
     trial = val.judge_log({name: values[few] for name, values in table.items()}, folder, start=0.0)

@@ -211,9 +211,11 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
             f"{_FILLED:.0%}; interpolate it to their times, or leave out its columns."
         )
     signals = {key: v for key, v in signals.items() if filled[key] >= _FILLED}
-    # Rows that lie farther apart than most are rows of a slower clock, as far as signals vary little between.
-    lost, apart = np.zeros(time.size), np.diff(time[known], prepend=time[known][0] - step)
-    lost[known] = np.where(apart > max(1.5 * step, HOLE), apart - step, 0.0)
+    step, lost = float(np.median(np.diff(time[known]))), np.zeros(time.size)
+    apart, rows = np.diff(time[known], prepend=time[known][0] - step), np.flatnonzero(known)
+    # Rows farther apart may be of a slower clock; if empty rows are between, all must be about as far apart.
+    least = np.where(np.diff(rows, prepend=rows[0] - 1) > 1, 1.5 * apart.mean(), HOLE)
+    lost[known] = np.where(apart > np.maximum(1.5 * step, least), apart - step, 0.0)
     return Log(name, time, signals, step, lost, weight).rows(known)
 
 
