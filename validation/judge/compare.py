@@ -158,13 +158,15 @@ def compare(
     *,
     description: BodyDescription | None = None,
     shapes: Shapes | None = None,
+    counts: Array | None = None,
 ) -> Comparison:
     """Compare a walk, up to its end, with the plan that was walked.
 
-    The description names the knees; shapes are the body's, for the clearance of its parts. Of a walk without
-    a plan, all that is planned is NaN but the phases, which are those of the contacts; and ``costs`` has its
-    ``velocity``: ``commanded``, and the mean ``measured`` in the second half of its time. Raises
-    :class:`InputError` if the walk is longer than the plan, or the measurement is of another walk.
+    The description names the knees; shapes are the body's, for the clearance of its parts; counts are the
+    time steps that each instant stands for, shape (K,) [1], by default 1. Of a walk without a plan, all that
+    is planned is NaN but the phases, which are those of the contacts; and ``costs`` has its ``velocity``:
+    ``commanded``, and the mean ``measured`` in the second half of its time. Raises :class:`InputError` if the
+    walk is longer than the plan, or the measurement is of another walk.
     """
     time = measured.time
     if time.size != record.steps:
@@ -213,12 +215,14 @@ def compare(
         mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
         costs["velocity"] = {"commanded": command.at(math.inf), "measured": tuple(mean.tolist())}
 
+    each = counts if counts is not None else np.ones(time.size)
+
     def errors(planned: PlanRows, windows: Mapping[str, Flags]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""
         found: dict[str, Mapping[str, Statistics]] = {}
         for name, (value, reference) in signal_pairs(planned, measured, record).items():
             error = value - reference
-            of = {window: statistics(error[w], reference[w]) for window, w in windows.items()}
+            of = {window: statistics(error[w], reference[w], each[w]) for window, w in windows.items()}
             found[name] = MappingProxyType(of)
         return found
 
@@ -301,22 +305,23 @@ def push_rows(record: SimulationRecord) -> list[tuple[int, int]]:
     return list(zip(changes[::2], changes[1::2], strict=True))
 
 
-def statistics(error: Array, reference: Array) -> Statistics:
-    """Statistics of an error in one window, shape (n,), NaN where not measured, from a reference (n,)."""
+def statistics(error: Array, reference: Array, counts: Array) -> Statistics:
+    """Statistics of an error, NaN where not measured, from a reference, weighted by counts [1], all (n,)."""
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():
         return Statistics(error.size, unmeasured, math.nan, math.nan, math.nan, None)
-    error, reference = error[known], reference[known]
-    squares = float(np.sum(error * error))
+    error, reference, counts = error[known], reference[known], counts[known]
+    squares, size = float(np.sum(counts * error * error)), float(np.sum(counts))
+    mean = float(np.sum(counts * reference)) / size
     varies = float(np.ptp(reference)) > _CONSTANT * max(1.0, float(np.abs(reference).max()))
     return Statistics(
         count=int(known.size),
         unmeasured=unmeasured,
-        rmse=float(np.sqrt(squares / error.size)),
+        rmse=float(np.sqrt(squares / size)),
         maximum=float(np.abs(error).max()),
-        bias=float(error.mean()),
-        r2=1.0 - squares / float(np.sum((reference - reference.mean()) ** 2)) if varies else None,
+        bias=float(np.sum(counts * error)) / size,
+        r2=1.0 - squares / float(np.sum(counts * (reference - mean) ** 2)) if varies else None,
     )
 
 

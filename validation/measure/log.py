@@ -117,6 +117,12 @@ class Log(Brief):
         """Time that its rows stand for, without gaps [s]."""
         return float(self.time[-1] - self.time[0] - self.lost[1:].sum()) + self.time_step
 
+    @property
+    def counts(self) -> Array:
+        """Time steps until the next row or gap, shape (K,) [1]: exactly 1 at an even rate."""
+        counts = np.append(np.diff(self.time) - self.lost[1:], self.time_step) / self.time_step
+        return np.where(np.abs(counts - 1.0) < 0.5, 1.0, counts)
+
     def rows(self, rows: NDArray[np.bool_]) -> "Log":
         """Some of the rows, (K,)."""
         signals = {name: values[rows] for name, values in self.signals.items()}

@@ -32,7 +32,7 @@ from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 _KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
-_OFTEN = 0.05  # share of rows before a gap from which a log may have several rates [1]
+_UNEVEN = 0.01  # share of time between rows farther apart than most from which it is told [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
 
@@ -89,7 +89,7 @@ def judge_log(
         steps, planned_steps = _steps(log, walked), walked.contacts.steps
         facts |= {} if strides else {"steps": steps, "planned_steps": planned_steps}
         record = log_record(log, measured, steps)
-        comparison = compare(walked, record, measured)
+        comparison = compare(walked, record, measured, counts=log.counts)
         values = evaluate(comparison)
         if strides:  # which are compared over their share
             stride = 2.0 * walked.constants.step_duration
@@ -187,8 +187,8 @@ def _aligned(
     if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
         known = f"{gaps.size} gaps of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
         notes.append(f"{known}, are left out.")
-    if (np.diff(log.time) > 1.5 * log.time_step).mean() > _OFTEN:
-        notes.append("Every row counts alike: give a log of one rate if it has several.")
+    if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
+        notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
     if log.unsupported:
         notes.append(log.unsupported)
     if strides:
