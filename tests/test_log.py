@@ -243,6 +243,19 @@ def test_the_mean_stride_has_less_error_than_the_run(folder, summary, table):
     assert value(slower, "stride_duration_error") == pytest.approx(0.1, abs=1e-3)
 
 
+def test_what_strides_lack_makes_their_mean_partial(folder, table):
+    """A momentum that is empty in other rows of every stride, some rows of the COM, and a ZMP with holes."""
+    row = np.arange(len(table["time"]))
+    table["com_x"][row % 30 == 0] = table["angular_momentum_x"][row % 13 == 0] = np.nan
+    trial = val.judge_log(table, folder, strides=True)
+    assert "the angular momentum is empty in 7.7% of the rows" in trial.verdict.reason
+    assert trial.summary["statistics"]["angular_momentum_x"]["run"]["unmeasured"] < 50
+    table["zmp_y"][row % 100 < 10] = np.nan
+    trial = val.judge_log(table, folder, strides=True)
+    assert trial.verdict.name == "partial"
+    assert "9.7% of the time is left out" in trial.verdict.reason
+
+
 def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):
     """The public mean strides at 0.8 m/s: report and recording are written, and the limits are not met."""
     answer = ampm(

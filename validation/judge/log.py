@@ -101,7 +101,8 @@ def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str]:
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     """Average the strides of a log, each from when the left foot takes half of the weight to the next time.
 
-    They are compared over the share of the stride, with the plan's duration and mean speed.
+    They are compared over the share of the stride, with the plan's duration and mean speed. A signal is
+    averaged over the strides that have it at this share.
 
     Returns:
         The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
@@ -127,16 +128,18 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     duration = float(np.mean(end - begin))
     at = begin[:, None] + (end - begin)[:, None] * phases
     columns = {name: values.reshape(log.time.size, -1) for name, values in log.signals.items()}
-    curves = {name: interp(at, log.time, values) for name, values in columns.items()}
+    curves: dict[str, Any] = {name: interp(at, log.time, values) for name, values in columns.items()}
+    curves = {name: np.ma.masked_invalid(values) for name, values in curves.items()}
     speed = math.nan
     for name in ("belt_way", "zmp", "com"):
         if name in columns:
-            way = np.diff(interp(np.stack([begin, end]), log.time, columns[name]), axis=0)[0]
-            speed = float(np.mean(way[:, 0] / (end - begin)))
+            known = np.isfinite(columns[name][:, 0])
+            ends = np.interp([begin, end], log.time[known], columns[name][known, 0])
+            speed = float(np.mean((ends[1] - ends[0]) / (end - begin)))
     for name in PLACES & curves.keys():
         curves[name][..., 0] -= speed * (at - begin[:, None])
         curves[name][..., :2] -= curves[name][..., :2].mean(axis=1, keepdims=True)
-    mean = {name: values.mean(axis=0) for name, values in curves.items()}
+    mean = {name: values.mean(axis=0).filled(np.nan) for name, values in curves.items()}
     tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
     clock = stride * np.arange(3 * PHASES) / PHASES
     for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan

@@ -191,6 +191,7 @@ def _aligned(
         notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
     if log.unsupported:
         notes.append(log.unsupported)
+    whole = log
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
@@ -221,12 +222,11 @@ def _aligned(
             f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
-    if not strides:
-        momentum = judged.signals.get("angular_momentum", np.zeros((1, 3)))
-        empty = float(np.isnan(momentum).any(axis=1).mean())
-        late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
-        lost = judged.lost[1:].sum() + min(judged.lost[0], max(late, 0.0))
-        facts |= {"left_out": float(lost / (judged.duration + lost)), "empty": empty}
+    source = whole if strides else judged
+    empty = np.isnan(source.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
+    late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
+    lost = source.lost[1:].sum() + min(source.lost[0], max(late, 0.0))
+    facts |= {"left_out": float(lost / (source.duration + lost)), "empty": float(empty.mean())}
     _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:
