@@ -256,6 +256,18 @@ def test_what_strides_lack_makes_their_mean_partial(folder, table):
     assert "9.7% of the time is left out" in trial.verdict.reason
 
 
+def test_the_spread_of_strides_is_that_of_force_zmp_and_momentum(folder, table):
+    """Every second stride has its ZMP 30 mm further ahead, and its momentum is 0.2 N m s larger."""
+    other = table["time"] // 1.358 % 2
+    table["zmp_x"] = table["zmp_x"] + 0.03 * other
+    table["angular_momentum_x"] = table["angular_momentum_x"] + 0.2 * other
+    trial = val.judge_log(table, folder, strides=True)
+    facts = trial.summary["log"]["strides"]
+    assert facts["zmp_spread"] == pytest.approx([0.017, 0.0], abs=1e-3)  # of three strides
+    assert facts["angular_momentum_spread"][0] == pytest.approx(0.115, abs=0.01)
+    assert "% of body weight, ZMP 1" in " ".join(trial.table().notes)
+
+
 def test_a_person_is_no_pendulum_of_constant_height(tmp_path, ampm):
     """The public mean strides at 0.8 m/s: report and recording are written, and the limits are not met."""
     answer = ampm(

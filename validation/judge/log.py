@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import correlate, find_peaks
+from scipy.signal import correlate, detrend, find_peaks
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array, Flags
@@ -106,8 +106,9 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
     Returns:
         The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
-        [m/s], NaN without a place; ``spread``, the RMS over the stride of the standard deviation of the force
-        over the weight, x, y, z [1]; and the ``correlation`` with the plan [1].
+        [m/s], NaN without a place; the ``correlation`` with the plan [1]; and the RMS over the stride of the
+        standard deviation between strides, x, y, z: ``spread`` of the force over the weight [1],
+        ``zmp_spread`` without steady motion [m], and ``angular_momentum_spread`` [N m s].
 
     Raises:
         InputError: the steps of the plan differ, or the log has no whole stride without a gap.
@@ -136,9 +137,16 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
             known = np.isfinite(columns[name][:, 0])
             ends = np.interp([begin, end], log.time[known], columns[name][known, 0])
             speed = float(np.mean((ends[1] - ends[0]) / (end - begin)))
+    varied = {"spread": curves["force"] / log.weight}
+    if "angular_momentum" in curves:
+        varied["angular_momentum_spread"] = curves["angular_momentum"]
     for name in PLACES & curves.keys():
         curves[name][..., 0] -= speed * (at - begin[:, None])
-        curves[name][..., :2] -= curves[name][..., :2].mean(axis=1, keepdims=True)
+        middle = curves[name][..., :2].mean(axis=1, keepdims=True)
+        curves[name][..., :2] -= middle
+        middle[..., 0] -= speed * (begin - begin[0])[:, None]
+        if name == "zmp":
+            varied["zmp_spread"] = curves[name] + detrend(middle, axis=0)
     mean = {name: values.mean(axis=0).filled(np.nan) for name, values in curves.items()}
     tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
     clock = stride * np.arange(3 * PHASES) / PHASES
@@ -151,9 +159,10 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
         signals[name] = found[:, 0] if found.shape[1] == 1 else found
         if name in PLACES:
             signals[name][:, 0] += plan.constants.mean_velocity * times
-    variance = curves["force"].var(axis=0, ddof=1 if len(bounds) > 1 else 0) / log.weight**2
     facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
-    facts["spread"] = np.sqrt(variance.mean(axis=0)).tolist()
+    for name, values in varied.items():
+        variance = values.var(axis=0, ddof=1 if len(bounds) > 1 else 0)
+        facts[name] = np.sqrt(variance.mean(axis=0)).tolist()
     lost = np.zeros(PHASES)
     return replace(log, time=times, signals=signals, lost=lost, time_step=stride / PHASES), facts
 

@@ -32,6 +32,11 @@ from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 _KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
+_SPREADS = (  # key, label, factor to its unit, and unit
+    ("spread", "force", 100.0, "% of body weight"),
+    ("zmp_spread", "ZMP", 1e3, "mm"),
+    ("angular_momentum_spread", "angular momentum", 1.0, "N m s"),
+)
 _UNEVEN = 0.01  # share of time between rows farther apart than most from which it is told [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
@@ -195,12 +200,15 @@ def _aligned(
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
-        spread = "/".join(f"{100.0 * value:.2f}" for value in mean["spread"])
+        spread = ", ".join(
+            f"{name} {'/'.join(f'{factor * value:.3g}' for value in mean[key])} {unit}"
+            for key, name, factor, unit in _SPREADS
+            if key in mean
+        )
         notes.append(
             f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
             f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
-            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation of the force between strides, "
-            f"x/y/z: {spread} % of body weight."
+            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation between strides, x/y/z: {spread}."
         )
     else:
         if start is None:
