@@ -107,6 +107,12 @@ def test_of_strides_that_fit_alike_the_middle_one_is_taken(folder, table):
     assert trial.summary["log"]["start"] == pytest.approx(4.0 * trial.plan.constants.step_duration, abs=1e-3)
 
 
+def test_a_step_whose_first_and_last_row_are_empty_counts(folder, table):
+    table["zmp_x"][[0, -1]] = np.nan
+    facts = val.judge_log(table, folder).summary["log"]
+    assert facts["steps"] == facts["planned_steps"] == 8
+
+
 def test_a_log_without_a_whole_step_is_partial(folder, table):
     part = slice(500, 780)  # 0.7 s of 0.78 s
     trial = val.judge_log({name: values[part] for name, values in table.items()}, folder, start=0.0)

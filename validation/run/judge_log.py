@@ -18,7 +18,7 @@ from validation.judge.log import find_place, find_start, mean_stride, steps_besi
 from validation.judge.metrics import evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
-from validation.measure.log import NAMES, Log, log_record, map_columns, measure_log, read_log
+from validation.measure.log import HOLE, NAMES, Log, log_record, map_columns, measure_log, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -154,10 +154,10 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
 
 
 def _steps(log: Log, plan: WalkPlan) -> int:
-    """Steps of the plan within a log; a walk ends less than two time steps after its last row."""
-    ends = np.array([0.0, *plan.contacts.step_ends])
-    begun = ends[:-1] >= log.time[0] - log.time_step
-    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + 2.0 * log.time_step)))
+    """Steps of the plan within a log, whose first and last rows may lack as much time as is no gap."""
+    ends, near = np.array([0.0, *plan.contacts.step_ends]), max(2.0 * log.time_step, HOLE)
+    begun = ends[:-1] >= log.time[0] - near
+    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + near)))
 
 
 def _check_phases(log: Log, plan: WalkPlan) -> None:
