@@ -268,9 +268,9 @@ def test_the_spread_of_strides_is_that_of_force_zmp_and_momentum(folder, table):
     table["zmp_x"] = table["zmp_x"] + 0.03 * other
     table["angular_momentum_x"] = table["angular_momentum_x"] + 0.2 * other
     trial = val.judge_log(table, folder, strides=True)
-    facts = trial.summary["log"]["strides"]
-    assert facts["zmp_spread"] == pytest.approx([0.017, 0.0], abs=1e-3)  # of three strides
-    assert facts["angular_momentum_spread"][0] == pytest.approx(0.115, abs=0.01)
+    spreads = trial.summary["log"]["strides"]["spreads"]
+    assert spreads["zmp"] == pytest.approx([0.017, 0.0], abs=1e-3)  # of three strides
+    assert spreads["angular_momentum"][0] == pytest.approx(0.115, abs=0.01)
     assert "% of body weight, ZMP 1" in " ".join(trial.table().notes)
 
 

@@ -168,7 +168,7 @@ def compare(
     ``commanded``, and the mean ``measured`` in the second half of its time. Raises :class:`InputError` if the
     walk is longer than the plan, or the measurement is of another walk.
     """
-    time = measured.time
+    time, each = measured.time, np.ones(measured.time.size) if counts is None else counts
     if time.size != record.steps:
         raise InputError(
             f"the measurement has {time.size} steps and the record {record.steps}; measure this record"
@@ -214,8 +214,6 @@ def compare(
         late = time >= 0.5 * (command.settling + command.duration)
         mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
         costs["velocity"] = {"commanded": command.at(math.inf), "measured": tuple(mean.tolist())}
-
-    each = counts if counts is not None else np.ones(time.size)
 
     def errors(planned: PlanRows, windows: Mapping[str, Flags]) -> dict[str, Mapping[str, Statistics]]:
         """Errors of all signals in some windows."""

@@ -80,8 +80,8 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
 
 
 def interp(times: Array, time: Array, values: Array, period: float | None = None) -> Array:
-    """Values (K, n), maybe periodic [s], at other times (...), shape (..., n)."""
-    return np.stack([np.interp(times, time, column, period=period) for column in values.T], axis=-1)
+    """Values (K, n) or (K,), maybe periodic [s], at other times (...), shape (..., n) or (...)."""
+    return np.apply_along_axis(lambda column: np.interp(times, time, column, period=period), 0, values)
 
 
 def _centred(values: Array) -> Array:
@@ -101,14 +101,13 @@ def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str]:
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     """Average the strides of a log, each from when the left foot takes half of the weight to the next time.
 
-    They are compared over the share of the stride, with the plan's duration and mean speed. A signal is
-    averaged over the strides that have it at this share.
+    They are compared over the share of the stride, with the plan's duration and mean speed. NaN is left out.
 
     Returns:
         The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
-        [m/s], NaN without a place; the ``correlation`` with the plan [1]; and the RMS over the stride of the
-        standard deviation between strides, x, y, z: ``spread`` of the force over the weight [1],
-        ``zmp_spread`` without steady motion [m], and ``angular_momentum_spread`` [N m s].
+        [m/s], NaN without a place; ``spreads``, the RMS over the stride of the standard deviation of force
+        [N], ZMP without steady motion [m] and angular momentum [N m s]; ``spread``, that of the force over
+        the weight [1]; and the ``correlation`` with the plan [1].
 
     Raises:
         InputError: the steps of the plan differ, or the log has no whole stride without a gap.
@@ -128,41 +127,36 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     begin, end = np.array(bounds).T
     duration = float(np.mean(end - begin))
     at = begin[:, None] + (end - begin)[:, None] * phases
-    columns = {name: values.reshape(log.time.size, -1) for name, values in log.signals.items()}
-    curves: dict[str, Any] = {name: interp(at, log.time, values) for name, values in columns.items()}
-    curves = {name: np.ma.masked_invalid(values) for name, values in curves.items()}
+    sampled = {name: interp(at, log.time, values) for name, values in log.signals.items()}
+    curves: dict[str, Any] = {name: np.ma.masked_invalid(values) for name, values in sampled.items()}
     speed = math.nan
     for name in ("belt_way", "zmp", "com"):
-        if name in columns:
-            known = np.isfinite(columns[name][:, 0])
-            ends = np.interp([begin, end], log.time[known], columns[name][known, 0])
+        if name in curves:
+            way = log.signals[name].reshape(log.time.size, -1)[:, 0]
+            known = np.isfinite(way)
+            ends = np.interp([begin, end], log.time[known], way[known])
             speed = float(np.mean((ends[1] - ends[0]) / (end - begin)))
-    varied = {"spread": curves["force"] / log.weight}
-    if "angular_momentum" in curves:
-        varied["angular_momentum_spread"] = curves["angular_momentum"]
+    varied = {name: curves[name] for name in curves if name in {"force", "zmp", "angular_momentum"}}
     for name in PLACES & curves.keys():
-        curves[name][..., 0] -= speed * (at - begin[:, None])
+        curves[name][..., 0] -= speed * (at - begin[0])
         middle = curves[name][..., :2].mean(axis=1, keepdims=True)
         curves[name][..., :2] -= middle
-        middle[..., 0] -= speed * (begin - begin[0])[:, None]
         if name == "zmp":
-            varied["zmp_spread"] = curves[name] + detrend(middle, axis=0)
+            varied[name] = curves[name] + detrend(middle, axis=0)
     mean = {name: values.mean(axis=0).filled(np.nan) for name, values in curves.items()}
-    tiled = {name: np.tile(values, (3, 1)) for name, values in mean.items()}
+    tiled = {name: np.concatenate(3 * [values]) for name, values in mean.items()}
     clock = stride * np.arange(3 * PHASES) / PHASES
     for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan
         tiled[name][:, 0] += plan.constants.mean_velocity * clock
     start, correlation = find_start(replace(log, time=clock, signals=tiled, lost=np.zeros(3 * PHASES)), plan)
-    signals = {}
-    for name, values in mean.items():
-        found = interp(times + start, stride * phases, values, period=stride)
-        signals[name] = found[:, 0] if found.shape[1] == 1 else found
-        if name in PLACES:
-            signals[name][:, 0] += plan.constants.mean_velocity * times
-    facts = {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
-    for name, values in varied.items():
-        variance = values.var(axis=0, ddof=1 if len(bounds) > 1 else 0)
-        facts[name] = np.sqrt(variance.mean(axis=0)).tolist()
+    phases *= stride
+    signals = {name: interp(times + start, phases, values, period=stride) for name, values in mean.items()}
+    for name in PLACES & signals.keys():
+        signals[name][:, 0] += plan.constants.mean_velocity * times
+    variances = {name: values.var(axis=0, ddof=min(len(bounds) - 1, 1)) for name, values in varied.items()}
+    spreads = {name: np.sqrt(values.mean(axis=0)).filled(np.nan) for name, values in variances.items()}
+    facts = {"spreads": spreads, "spread": spreads["force"] / log.weight}
+    facts |= {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
     lost = np.zeros(PHASES)
     return replace(log, time=times, signals=signals, lost=lost, time_step=stride / PHASES), facts
 

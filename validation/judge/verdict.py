@@ -246,9 +246,8 @@ def _conclude(
         reason += "."
         reason += f" {len(undecided)} undecided: {why}." if undecided else ""
         return VerdictName.FAIL, reason + unknown
-    lacks = (
-        [f"{' and '.join(signals)} {'was' if len(signals) == 1 else 'were'} not measured"] if missing else []
-    )
+    were = "was" if len(signals) == 1 else "were"
+    lacks = [f"{' and '.join(signals)} {were} not measured"] if missing else []
     if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
         lacks.append(f"{left_out:.1%} of the time is left out")
     if log is not None and (empty := log.get("empty", 0.0)) > _LEFT_OUT:

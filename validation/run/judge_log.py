@@ -13,9 +13,9 @@ from ampm.files import quoted
 from ampm.parameters import RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
-from validation.judge.compare import compare
+from validation.judge.compare import SIGNALS, compare
 from validation.judge.log import find_place, find_start, mean_stride, steps_beside
-from validation.judge.metrics import evaluate
+from validation.judge.metrics import display_unit, evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
 from validation.measure.log import HOLE, NAMES, Log, log_record, map_columns, measure_log, read_log
@@ -32,11 +32,6 @@ from validation.trial.users import SUFFIXES, read_columns
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 _KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
-_SPREADS = (  # key, label, factor to its unit, and unit
-    ("spread", "force", 100.0, "% of body weight"),
-    ("zmp_spread", "ZMP", 1e3, "mm"),
-    ("angular_momentum_spread", "angular momentum", 1.0, "N m s"),
-)
 _UNEVEN = 0.01  # share of time between rows farther apart than most from which it is told [1]
 LEAST_JUDGED = 0.5
 """Duration that a log must share with the judged steps of a plan, about that of a step [s]."""
@@ -196,19 +191,19 @@ def _aligned(
         notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
     if log.unsupported:
         notes.append(log.unsupported)
-    whole = log
+    whole, spreads = log, []
     if strides:
         log, mean = mean_stride(log, plan)
         facts["strides"] = mean
-        spread = ", ".join(
-            f"{name} {'/'.join(f'{factor * value:.3g}' for value in mean[key])} {unit}"
-            for key, name, factor, unit in _SPREADS
-            if key in mean
-        )
+        for name, values in mean["spreads"].items():
+            factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, log.weight)
+            numbers = "/".join(f"{factor * value:.3g}" for value in values)
+            spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
         notes.append(
             f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
             f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
-            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation between strides, x/y/z: {spread}."
+            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation between strides, x/y/z: "
+            f"{', '.join(spreads)}."
         )
     else:
         if start is None:
