@@ -85,7 +85,7 @@ def test_texts_and_infinities():
     values = [*table["metric_zmp_y_rmse"].to_pylist()[:-1], np.inf]
     sweep = sweep_of(replaced(table, "metric_zmp_y_rmse", values))
     assert sweep.worst[0] == len(sweep) - 1
-    assert "inf mm" in sweep_metric_table(sweep).rows[-24]
+    assert any("inf mm" in row for row in sweep_metric_table(sweep).rows)
     headings = [row[0] for row in sweep_metric_table(sweep).rows if is_heading(row)]
     assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner lipm"]
     charts = [picture.charts[0] for picture in draw_sweep(sweep)]

@@ -8,6 +8,8 @@ import pytest
 
 import validation as val
 from ampm import ControlOutput, load_run
+from validation.judge.metrics import METRICS
+from validation.run.judge_log import judge_run
 from validation.trial.unplanned import heading_velocity, measured_supports
 
 QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "command.duration=2")
@@ -33,6 +35,9 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     assert "from the planned" not in page
     assert (tmp_path / "run/recording.rrd").is_file()
     assert ampm("replay", tmp_path / "run").status == 0
+    for profile in ("default", "strict"):
+        judged = judge_run(tmp_path / "run", profile).summary
+        assert judged["reason"] == "The walk has no plan: judge it by the profile free."
     assert val.walk(tmp_path / "run/run.toml").summary["metrics"] == summary["metrics"]
     assert ampm("plan", *QUICK).out == "planner none has no plan: the trial starts with the body standing.\n"
 
@@ -77,6 +82,14 @@ def test_steps_and_velocity_are_found_in_the_record():
     assert steps == 2
     assert [int(stance[k]) for k in (50, 200, 350, 500, 705)] == [2, 1, 2, 0, 2]
     assert heading_velocity(record).mean(axis=0) == pytest.approx([1.0, 0.0, 0.5], abs=1e-3)
+
+
+@pytest.mark.parametrize(("command", "steps", "missing"), [(0.3, 0, 1.0), (0.3, 1, 0.0), (0.1, 0, 0.0)])
+def test_a_commanded_way_longer_than_a_foot_asks_for_a_step(command, steps, missing):
+    plan = SimpleNamespace(command=standing(command={"vy": command, "duration": 2.0}).command)
+    record = SimpleNamespace(outcome=SimpleNamespace(steps_completed=steps))
+    walk: Any = SimpleNamespace(plan=plan, record=record, scales={"foot_length": 0.25})
+    assert METRICS["steps_missing"].compute(walk) == missing
 
 
 def standing(**sections):

@@ -52,7 +52,7 @@ def named(verdict, name="zmp_x_rmse"):
 def test_a_perfect_walk_passes_the_strict_profile(walk):
     verdict = verdict_of(compared(walk), STRICT)
     assert verdict.passed
-    assert len(verdict.judged) == len(STRICT.tolerances) - 5  # speed limits, command, strides
+    assert len(verdict.judged) == len(STRICT.tolerances) - 2  # speed limits, strides
     assert all(item.passed and (item.margin or 0.0) > 0.99 for item in verdict.judged)
     assert f"All {len(verdict.judged)} tolerances met" in verdict.reason
     assert verdict.reason.endswith(" Profile: strict.")

@@ -55,6 +55,14 @@ def _velocity_error(walk: Comparison, part: int) -> float | None:
     return None if velocity is None else abs(velocity["measured"][part] - velocity["commanded"][part])
 
 
+def _steps_missing(walk: Comparison) -> float | None:
+    """1 if no foot touched down on a commanded way longer than a foot, else 0; None without a command."""
+    if (command := walk.plan.command) is None:
+        return None
+    way = math.hypot(*command.at(math.inf)[:2]) * (command.duration - command.settling)
+    return float(way > walk.scales["foot_length"] and walk.record.outcome.steps_completed == 0)
+
+
 def _drift(walk: Comparison) -> float | None:
     """Drift in a step [m]; None for less than three steps, or where the first or last was not measured."""
     ends = walk.plan.contacts.step_ends
@@ -107,6 +115,7 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "velocity_x_error": lambda walk: _velocity_error(walk, 0),
     "velocity_y_error": lambda walk: _velocity_error(walk, 1),
     "yaw_rate_error": lambda walk: _velocity_error(walk, 2),
+    "steps_missing": _steps_missing,
     "drift_per_step": _drift,
     "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
     "plan_moved_zmp_maximum": lambda walk: (
