@@ -153,6 +153,9 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     assert re.match(r"smooth tracks the ZMP best along x \(.*\), other tracks the ZMP best along y \(", said)
     assert "other takes 12 % more torque relative to limits than smooth and uses 2.5 times as much fr" in said
     assert "other exceeded 1 of 13 limits (ground force, RMS error along x, " in said
+    margins["torque"]["value"] = 1.0
+    said = comparison_of([a, changed(b, margins=margins)]).sentence
+    assert "other reached a limit (largest torque, of the motor's limit, 100 %)" in said
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
     said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("No error of the ZMP is judged in every walk. No difference in mech")

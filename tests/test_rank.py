@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.compute as pc
 import pytest
 
 from tests.sweep_table import parse_sweep, sweep_of, write_sweep
@@ -183,6 +184,14 @@ def test_tables_and_json():
     assert "of 12 differences" in found.sentence
     assert found.extremes.keys() == {f"{name}-{end}" for name in ERRORS for end in ("best", "worst")}
     assert found.extremes["lipm-best"] < 32 <= found.extremes["lipm-worst"]  # it fell in the second task
+
+
+def test_bodies_that_stand_are_compared_with_no_pace():
+    table = league(0).table
+    column = table.column_names.index("energy_speed")
+    slow = pc.multiply(table["energy_speed"], 0.01)
+    found = rank(sweep_of(table.set_column(column, table.field(column), slow)))
+    assert not any("median" in note for cell in found.cells for note in cell.notes)
 
 
 def test_recordings_of_users_files_stand_in_the_folder_that_is_asked_for():

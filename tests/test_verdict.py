@@ -356,6 +356,12 @@ def test_effort_is_command_minus_plan_after_the_first_step(walk):
     np.testing.assert_allclose(effort["angular_momentum"], [0.25, 0.0], rtol=0.0, atol=1e-12)
 
 
+def test_a_body_that_stands_has_no_cost_of_transport(walk):
+    plan, record, measured = walk
+    costs = [compare(plan, replace(record, com=way * record.com), measured).costs for way in (1.0, 0.01)]
+    assert [math.isnan(of["energy"]["cost_of_transport"]) for of in costs] == [False, True]
+
+
 def test_a_walk_that_ends_in_its_first_step_keeps_its_rows():
     assert kept_rows(0, 0.01) == slice(None, None, 1)
 

@@ -21,6 +21,9 @@ from validation.trial.shapes import Shapes
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
 
+STANDING = 0.05
+"""Mean speed of the COM on the floor below which a body stands, and has no cost of transport [m/s]."""
+
 CLEARANCE_ROWS = 2
 """Clearance is measured at every second state on disk, so every 20 ms: at 10 m/s^2 half a millimetre is
 lost."""
@@ -150,8 +153,8 @@ def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
     positive, negative = (float(of(power, 0.0).sum() * record.time_step) for of in (np.maximum, np.minimum))
     moves = np.diff(record.com[used[0] : used[-1] + 2, :2], axis=0)
     distance = float(np.sqrt((moves * moves).sum(axis=1)).sum())
-    transport = positive / (record.mass * record.gravity * distance) if distance > 0.0 else math.nan
     speed = distance / (len(moves) * record.time_step)
+    transport = positive / (record.mass * record.gravity * distance) if speed >= STANDING else math.nan
     return dict(zip(names, (positive, negative, distance, speed, transport), strict=True))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
+from validation.judge.margins import STANDING
 from validation.judge.metrics import METRICS
 from validation.store.json import json_ready
 from validation.study.sweep.design import ENGINE_KEY
@@ -92,10 +93,8 @@ class Ranking(Tabled):
     def better(self, one: TaskResult, other: TaskResult) -> bool:
         """Whether it is decided that one is better than the other in their task."""
         mine, others = one.interval(other), other.interval(one)
-        if mine[0] > others[1]:
-            return True
-        if others[0] > mine[1]:
-            return False
+        if mine[0] > others[1] or others[0] > mine[1]:
+            return mine[0] > others[1]
         from scipy.stats import quantile_test  # slow to load
 
         pairs = one.pairs(other)
@@ -251,16 +250,16 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
             notes.append(f"in {met} of those that survived parts of the body pass through each other")
         if equal := len(counted) - len(distinct):
             notes.append(f"{equal} equal another one to the bit: they count once")
-        usual = pace[np.array(tasks) == place[0]]
-        faster = _median(pace[done]) / _median(usual[np.isfinite(usual)]) - 1.0
-        if abs(faster) > SAME_PACE:
+        usual = _median(pace[np.array(tasks) == place[0]])
+        faster = _median(pace[done]) / usual - 1.0
+        if usual >= STANDING and abs(faster) > SAME_PACE:
             notes.append(f"{abs(faster):.0%} {'faster' if faster > 0.0 else 'slower'} than the task's median")
         cells.append(
             TaskResult(
                 *place,
                 runs=len(distinct),
                 survived=len(done),
-                error=_median(errors[done][np.isfinite(errors[done])]),
+                error=_median(errors[done]),
                 effort=_median(table.numbers(EFFORT)[done]),
                 notes=tuple(notes),
                 errors={replicas[row]: float(errors[row]) for row in done if np.isfinite(errors[row])},
@@ -281,4 +280,5 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
 
 
 def _median(values: NDArray[np.float64]) -> float:
-    return float(np.median(values)) if values.size else math.nan
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else math.nan

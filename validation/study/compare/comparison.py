@@ -20,6 +20,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.files import absolute, quoted
 from validation.judge.compare import PARTS
+from validation.judge.margins import SATURATED
 from validation.judge.metrics import METRICS, SIZES, added_metrics, cost_entry, display_unit, size_in_si
 from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
@@ -228,7 +229,8 @@ class WalkComparison(Tabled):
             used = [(row.used[k], row.label) for row in self.rows if not math.isnan(row.used[k])]
             share, label = max(used, default=(math.nan, "no limit is known"))
             measured = side.run.summary["verdict"] not in ("not_measured", "partial")
-            kept = "stayed below every limit" if measured else "was not measured by every limit"
+            kept = "reached a limit" if share >= SATURATED else "stayed below every limit"
+            kept = kept if measured else "was not measured by every limit"
             if over := sum(item[0] > 1.0 + 1e-9 for item in used):  # not by rounding, as of used up friction
                 kept = f"exceeded {over} of {len(used)} limits"
             kept += f" of the profile {profiles[k]}" * (len(set(profiles)) > 1)
@@ -460,10 +462,8 @@ def compare_gaits(
     count = max(map(len, given.values()))
     if count == 1:
         count = 2
-        if changed := {key: [None, *values] for key, values in choices.items() if key != "body.source"}:
-            given |= changed
-        else:
-            given["WALK"] = [*given["WALK"], "ipm"]
+        changed = {key: [None, *values] for key, values in choices.items() if key != "body.source"}
+        given |= changed or {"WALK": [*given["WALK"], "ipm"]}
     if {*map(len, given.values())} - {1, count}:
         times = ", ".join(f"{name} {len(values)} times" for name, values in given.items() if len(values) > 1)
         raise InputError(f"{times}: give each one once, or {count} times, once for each walk.")
