@@ -106,6 +106,9 @@ def ideal(layer, tightest):
             "floor",
             "with floor it is completed, with the verdict FAIL.",
         ),
+        # Nothing to blame, and limits of another profile.
+        (row(), [ideal("pushes", 0.2)], "", "too little was measured"),
+        (PASSED, [ideal("pushes", 0.2)], "", "It passes, and no layer costs margin."),
         (PASSED, [ideal("body", 0.25)], "", "with body 25% of the tightest limit"),
         (PASSED, [ideal("body", 0.5)], "", "It passes, and no layer costs margin."),
     ],
@@ -123,6 +126,26 @@ def test_late_sensing_is_named_and_written(tmp_path):
     assert json.loads((tmp_path / "out" / RunFile.EXPLANATION).read_text()) == found.as_dict()
     (table,) = found.tables()
     assert [cells[2] for cells in table.rows[:2]] == ["FAIL", "pass"]
+
+
+class Learner(planner.TrackingController):
+    """Walks worse in the first walk of a process."""
+
+    walks = 0
+
+    def __init__(self, robot, run):
+        super().__init__(robot, run)
+        type(self).walks += 1
+        self.gain = 1.0 if self.walks > 1 else 1.03
+
+    def update(self, state, touch, reference):
+        output = super().update(state, touch, reference)
+        return output._replace(torque=self.gain * output.torque)
+
+
+def test_a_trial_that_does_not_repeat_blames_nobody():
+    with pytest.raises(InputError, match="its walk does not repeat, so no layer can be blamed"):
+        val.explain("normal", [*QUICK, f"controller.name={__name__}:Learner"], workers=0)
 
 
 @pytest.mark.slow

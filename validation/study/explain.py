@@ -250,12 +250,15 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     if not walked:
         return "", "No change could be walked."
     if trial["passed"]:
-        best = min(walked, key=lambda row: (not row["passed"], row["tightest"]))
+        walked = [row for row in walked if row["layer"] != "pushes"]  # another profile has other limits
+        best = min(walked, key=lambda row: (not row["passed"], row["tightest"]), default=trial)
         before, after = trial["tightest"], best["tightest"]
         if not best["passed"] or after > before - _LEAST_GAIN:
             return "", "It passes, and no layer costs margin."
         shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
         return "", f"It passes. Most of the margin is lost to the {best['layer']}: {best['text']} {shares}."
+    if not trial["excess"]:
+        return "", "No limit is broken; too little was measured."
 
     def rank(row: Row) -> tuple[Any, ...]:
         """Walks that pass come first, and of them layers that are made ideal."""
@@ -267,8 +270,6 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     layer, text = best["layer"], best["text"]
     if best["passed"]:
         return layer, f"The {layer}: {text} it passes."
-    if not trial["excess"]:
-        return "", "No limit is broken; too little was measured."
     left = best["excess"] / trial["excess"]
     if left > 1.0 - _LEAST_GAIN:
         return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
@@ -317,8 +318,14 @@ def explain(
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes = possible(case)
     tasks = [Task(case.text(change, new), walk_case, {"case": new}) for change, new in changes]
+    again = Task("the trial again", walk_case, {"case": case})  # last: a process may keep state
     label = f"{planned.name}: layers"
-    walked = {row["key"]: row for row in walk_many(tasks, label=label, unit="changes", **execution)}
+    walked = {row["key"]: row for row in walk_many([*tasks, again], label=label, unit="changes", **execution)}
+    if any(trial[key] != walked[again.key].get(key) for key in ("outcome", "excess", "metrics")):
+        raise InputError(
+            f"{planned.name} cannot be explained: its walk does not repeat, so no layer can be blamed. Give "
+            "your classes a seed and no state that outlives a walk, and use no workers of another machine."
+        )
     rows = []
     for (change, new), task in zip(changes, tasks, strict=True):
         row = walked[task.key]
