@@ -19,6 +19,7 @@ from ampm.body.limits import AT_MOST, Limit, check
 from ampm.body.motion import PeriodicPosture, RetimedPosture
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, InputError, RefusedGait
+from ampm.geometry import rotations
 from ampm.parameters import GRAVITY, NO_PLAN, RunParameters
 from ampm.planner import routes
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
@@ -167,6 +168,9 @@ def make_plan(
 
 def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     """A plan of samples with feet, and a posture that its steps allow."""
+    left, right = plan.contacts.placements[0, :, :2]
+    if (left - right) @ rotations(plan.contacts.headings[:1])[0, :, 1] < 0.0:
+        raise InputError("the left foot is to the right of the right one; exchange them, or the sign of y.")
     steps = _with_feet(plan, run, robot)
     if plan.contacts.phases[0].stance == "both":
         return _walk_over(steps, run, robot)
