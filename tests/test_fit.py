@@ -136,6 +136,12 @@ def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, 
     assert ampm("fit", folder, "--out", tmp_path / "fit", "--force").status == 0
 
 
+def test_a_walk_up_a_slope_returns_its_plan(run_of):
+    """Its ZMP and the height of its COM are over the floor under the soles."""
+    folder = run_of("normal", {"gait.slope": 0.05, "simulation.time_step": 0.002}, steps=10)
+    assert max(distances(val.fit_log(folder), load_run("normal").gait).values()) < 1.5
+
+
 def test_the_gait_of_a_person_can_be_planned(tmp_path, ampm):
     """Constants as of a person at 1.12 m/s: with the preset's feet the heel would rise too early."""
     gait = GaitParameters(

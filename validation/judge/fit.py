@@ -39,6 +39,7 @@ _BRIEFEST = 0.2  # stride [s]
 _DEGREE = 9  # of the polynomial from integrated to measured COM, over 1.5 strides
 _ALIKE = 0.1, 0.15  # most difference of a stride's duration and length from the median, over it [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
+_DRIFT = 0.01  # most change of the COM's mean height from stride to stride, over H [1]
 _AGREE = 0.25  # least share of the acceleration of a measured COM that the force explains [1]
 _STILL = 1e-3  # RMS below which a signal rests, over H, weight or m H sqrt(g H) [1]
 _TURN = np.array([[1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [1.0, 1.0]])[:, None]  # y to the next stance foot
@@ -89,8 +90,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
         weighed: whether the log's weight is the body's, and not to be that of its mean vertical force.
 
     Raises:
-        InputError: no ZMP, neither COM nor height or both, too few strides that are alike, or a force that
-            contradicts the COM.
+        InputError: no ZMP, neither COM nor height or both, too few strides that are alike, a COM that climbs
+            from its floor, or a force that contradicts the COM.
     """
     if "zmp" not in log.signals:
         raise InputError(f"{log.name} has no centres of pressure; give zmp_x, _y, or those of both feet.")
@@ -124,6 +125,12 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
     strides = Strides(**arrays, weight=log.weight)
     strides.signals[..., 5:] = _closed(strides.signals[..., 5:], strides.durations)
+    heights = strides.com[..., 2].mean(axis=(1, 2))
+    if (drift := float(np.median(np.abs(np.diff(heights))))) > _DRIFT * heights.mean():
+        raise InputError(
+            f"{log.name}: the COM's height over the floor changes by {drift:.3g} m from stride to stride, "
+            f"more than {100.0 * _DRIFT:g} % of it; give the column floor, its height under the feet."
+        )
     for axis, agrees in zip("xy", np.median(strides.agreement, axis=0), strict=True):
         if agrees < _AGREE:
             raise InputError(

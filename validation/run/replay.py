@@ -153,7 +153,7 @@ def _tables(
     if len(stored) != (count := len(range(record.steps)[every])):
         raise InputError(f"{RunFile.SIGNALS} is damaged: it should have {count} rows; walk the gait again.")
     held = columns_of({"measured": measured}, every)
-    yield RunFile.SIGNALS, {name: stored[name] for name in held}, held
+    yield RunFile.SIGNALS, {name: stored[name] for name in held if name in stored}, held
     time, names = held["time"], ("sum of zmp_error_x", "sum of zmp_error_y")
     total, error = (dict(zip(names, item[: len(time)].T, strict=True)) for item in _zmp_error(stored))
     yield RunFile.SIGNALS, total, {"time": time, **error}
