@@ -105,6 +105,20 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     np.testing.assert_allclose(measured.force, measured.momentum_force, rtol=0.0, atol=1e-2)
 
 
+class Speed:
+    read: list = []
+
+    def apply(self, time, plant):
+        self.read.append(plant.velocity("com"))
+
+
+def test_the_velocity_of_the_com_is_the_bodys_and_reading_it_changes_no_bit():
+    record = simulated(disturbances=[Speed()], steps=1)
+    assert same_bits(record.q, simulated(steps=1).q)
+    way = np.diff(record.com, axis=0) / record.time_step
+    np.testing.assert_allclose(way[:-1], Speed.read[1:], rtol=0.0, atol=2e-3)
+
+
 def test_the_velocity_at_the_start_repeats_with_its_seed():
     starts = [disturbed(steps=1, start_velocity=0.02, seed=seed).qd[0] - walk().qd[0] for seed in (0, 1)]
     for start in starts:

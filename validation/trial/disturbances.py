@@ -52,7 +52,11 @@ class Plant:
         return np.array(self._data.xipos[self.segment(segment)])
 
     def velocity(self, segment: str) -> Array:
-        """Velocity of a segment's centre of mass, shape (3,) [m/s]; of ``com`` the root segment's."""
+        """Velocity of a segment's centre of mass, of ``com`` the body's, shape (3,) [m/s]."""
+        if segment == "com":
+            jacobian = np.zeros((3, self._model.nv))
+            mujoco.mj_jacSubtreeCom(self._model, self._data, jacobian, self._root)
+            return np.asarray(jacobian @ self._data.qvel)
         result = np.zeros(6)
         kind = mujoco.mjtObj.mjOBJ_BODY
         mujoco.mj_objectVelocity(self._model, self._data, kind, self.segment(segment), result, 0)
