@@ -254,9 +254,12 @@ def assert_fitted(fit):
         assert fit.constants[name].value == pytest.approx(wanted, abs=0.01), name
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_force_plates_of_c3d(sign, tmp_path, ampm):
-    """A long plate for each foot, z up, at 1000 Hz; the COM as a point at 100 Hz in mm; force or reaction."""
+@pytest.mark.parametrize(("sign", "unit"), [(1.0, "mm"), (-1.0, "MM ")])
+def test_force_plates_of_c3d(sign, unit, tmp_path, ampm):
+    """A long plate for each foot, z up, at 1000 Hz; the COM as a point at 100 Hz in mm; force or reaction.
+
+    A second point has the name of a column of the plates.
+    """
     ezc3d = pytest.importorskip("ezc3d")
     time = np.arange(int(PLAN.duration * 100) * 10) / 1000.0
     sample, seen = PLAN.sample(time), PLAN.sample(time[::10])
@@ -266,8 +269,9 @@ def test_force_plates_of_c3d(sign, tmp_path, ampm):
     moment.append(place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0])
     file = ezc3d.c3d()
     point, analog = file["parameters"]["POINT"], file["parameters"]["ANALOG"]
-    point["RATE"]["value"], point["LABELS"]["value"], point["UNITS"]["value"] = [100.0], ("COM",), ("mm",)
-    file["data"]["points"] = np.ones((4, 1, len(seen)))
+    point["RATE"]["value"], point["LABELS"]["value"] = [100.0], ("COM", "force")
+    point["UNITS"]["value"] = (unit,)
+    file["data"]["points"] = np.ones((4, 2, len(seen)))
     file["data"]["points"][:3, 0] = 1e3 * seen.com.T
     analog["RATE"]["value"] = [1000.0]
     analog["LABELS"]["value"] = tuple(f"{kind}{axis}{n}" for n in "12" for kind in "FM" for axis in "xyz")
@@ -287,6 +291,10 @@ def test_force_plates_of_c3d(sign, tmp_path, ampm):
     answer = ampm("fit", path, "--com-height", 0.865, "--out", tmp_path / "fit", "--json")
     assert answer.status == 0, answer.err
     assert answer.json["constants"]["c_single_x"]["value"] == pytest.approx(1.2, abs=0.01)
+    point["UNITS"]["value"] = ()
+    file.write(str(path))
+    with pytest.raises(InputError, match=r"walk\.c3d: the unit of lengths, POINT:UNITS, is ''"):
+        log_columns(path)
 
 
 def test_wrenches_of_mcap(tmp_path):

@@ -19,10 +19,11 @@ def read(path: Path) -> dict[str, Any]:
     Returns:
         ``time`` of the analog samples; ``force_x`` ... and ``zmp_x``, ``zmp_y`` of all plates;
         ``plate1_force_x`` ..., ``plate1_cop_x``, ``plate1_cop_y`` and others; each point by its label, such
-        as ``SACR_x``, NaN where it was not seen. Forces act on the body.
+        as ``SACR_x``, NaN where it was not seen, except one named as a column of the plates. Forces act on
+        the body.
 
     Raises:
-        InputError: no C3D file, or one without force plates.
+        InputError: no C3D file, or one without force plates or a unit of lengths.
     """
     try:
         file = ezc3d.c3d(str(path), extract_forceplat_data=True)
@@ -33,14 +34,24 @@ def read(path: Path) -> dict[str, Any]:
     plates = file["data"]["platform"]
     if not plates:
         raise InputError(f"{path} has no force plates; a log needs the force of the floor.")
-    rate = file["header"]["analogs"]["frame_rate"]
+    points, of = file["data"]["points"], file["parameters"]["POINT"]
+    unit = "".join(of.get("UNITS", {"value": []})["value"][:1]).strip().lower()  # of the plates, too
+    if unit not in _LENGTHS:
+        raise InputError(
+            f"{path}: the unit of lengths, POINT:UNITS, is {unit!r} and must be one of {', '.join(_LENGTHS)};"
+            " write it into the file, with ezc3d for example."
+        )
+    rate, scale = file["header"]["analogs"]["frame_rate"], _LENGTHS[unit]
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
+    seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
+    for label, place in zip(of["LABELS"]["value"], points[:3].swapaxes(0, 1), strict=False):
+        _add(table, label, np.array([np.interp(table["time"], seen_at, scale * row) for row in place]))
     # Some hold the force on the plate.
     sign = np.sign(sum(plate["force"][2].mean() for plate in plates)) or 1.0
     total, lever, held = (np.zeros((axes, len(table["time"]))) for axes in (3, 2, 1))
     for number, plate in enumerate(plates, start=1):
         force = sign * plate["force"]
-        place = _LENGTHS[plate["unit_position"]] * plate["center_of_pressure"][:2]
+        place = scale * plate["center_of_pressure"][:2]
         load = np.where(force[2] > _LEAST, force[2], 0.0)
         _add(table, f"plate{number}_force", force)
         _add(table, f"plate{number}_cop", np.where(load, place, np.nan))
@@ -49,11 +60,6 @@ def read(path: Path) -> dict[str, Any]:
         held += load
     _add(table, "force", total)
     _add(table, "zmp", lever / np.where(held, held, np.nan))
-    points, of = file["data"]["points"], file["parameters"]["POINT"]
-    scale = _LENGTHS[of["UNITS"]["value"][0]] if points.shape[1] else 1.0
-    seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
-    for label, place in zip(of["LABELS"]["value"], points[:3].swapaxes(0, 1), strict=False):
-        _add(table, label, np.array([np.interp(table["time"], seen_at, scale * row) for row in place]))
     return table
 
 
