@@ -101,6 +101,11 @@ def test_a_model_is_turned_upright_wherever_its_root_is(urdf: str) -> None:
     assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
 
 
+def test_a_package_is_found_by_the_name_of_its_import(tmp_path: Path) -> None:
+    """Pillow is imported as ``PIL``."""
+    assert source_path("PIL:PIL/Image.py", tmp_path).parts[-2:] == ("PIL", "Image.py")
+
+
 def test_contact_pairs_with_the_floor_of_another_file_are_left_out(tmp_path: Path) -> None:
     pair = '<contact><pair geom1="left_left_foot" geom2="floor_of_the_scene"/></contact>'
     (tmp_path / "model.xml").write_text(suite_model(pair), "utf-8")
