@@ -35,6 +35,7 @@ _ONLY_MUJOCO = (
     *(f"contact.{name}" for name in ContactParameters.model_fields if name != "friction"),
     "simulation.integrator",
     "disturbance.softness_factor",
+    "disturbance.joint_friction",
 )
 
 
