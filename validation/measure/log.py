@@ -60,8 +60,8 @@ PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop
 """Quantities that are places in the world [m]."""
 NEEDED = (
     "time, and force_x, _y, _z of both feet; or left_force_x, _y, _z and the same of right; or "
-    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z, "
-    "left_sensor_quaternion_w, _x, _y, _z and the same of right"
+    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z, if its axes are not "
+    "the world's left_sensor_quaternion_w, _x, _y, _z, and the same of right"
 )
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
@@ -77,6 +77,7 @@ _FASTEST = 15.0  # speed of a belt: more is another unit [m/s]
 _LEAN = 1.0  # most horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # least share of rows with numbers: with less a signal counts as missing [1]
 _LOST = 0.2  # most share of a loaded foot's rows without a COP: with more it is the other foot's COP [1]
+_ASIDE = 2.0  # most distance of a foot's sensor from the force: more is another unit [m]
 _CONTRARY = 0.9  # correlation of angular momentum and integrated moment from which both can be compared [1]
 _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
 _BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
@@ -298,7 +299,17 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
                 signals[f"{foot}_sensor_force"][gaps] = np.nan
             force = signals[f"{foot}_force"] = axes.apply(signals[f"{foot}_sensor_force"])
             torque = axes.apply(signals[f"{foot}_sensor_torque"])
-            torques.append(np.cross(signals[f"{foot}_sensor"], force) + torque)
+            place = signals[f"{foot}_sensor"]
+            aside = np.hypot(*centre_of_pressure(force, torque, LOADED * weight).T)
+            middle = float(np.median(aside[np.isfinite(aside)])) if np.isfinite(aside).any() else 0.0
+            if (
+                middle > _ASIDE and np.ptp(place, axis=0).any()
+            ):  # else of a plate, or about the world's origin
+                raise InputError(
+                    f"{foot}_sensor_torque puts the force {middle:.3g} m or more aside of the sensor in half "
+                    f"of the rows, more than {_ASIDE:g} m; give torque in N m and force in N."
+                )
+            torques.append(np.cross(place, force) + torque)
             forces.append(force)
         elif f"{foot}_cop" in signals:
             force = signals[f"{foot}_force"]
