@@ -60,8 +60,8 @@ PLACES = frozenset(name for name in COLUMNS if name.endswith(("zmp", "com", "cop
 """Quantities that are places in the world [m]."""
 NEEDED = (
     "time, and force_x, _y, _z of both feet; or left_force_x, _y, _z and the same of right; or "
-    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z, if its axes are not "
-    "the world's left_sensor_quaternion_w, _x, _y, _z, and the same of right"
+    "left_sensor_force_x, _y, _z, left_sensor_torque_x, _y, _z, left_sensor_x, _y, _z and, unless in axes of "
+    "the world, left_sensor_quaternion_w, _x, _y, _z, and the same of right"
 )
 LOADED = 0.05
 """Share of the weight from which a foot is on the floor [1]: a sensor is never quite at zero."""
@@ -302,9 +302,8 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             place = signals[f"{foot}_sensor"]
             aside = np.hypot(*centre_of_pressure(force, torque, LOADED * weight).T)
             middle = float(np.median(aside[np.isfinite(aside)])) if np.isfinite(aside).any() else 0.0
-            if (
-                middle > _ASIDE and np.ptp(place, axis=0).any()
-            ):  # else of a plate, or about the world's origin
+            # What stays in place is a plate or the origin of the world, and may be far from the force.
+            if middle > _ASIDE and np.ptp(place, axis=0).any():
                 raise InputError(
                     f"{foot}_sensor_torque puts the force {middle:.3g} m or more aside of the sensor in half "
                     f"of the rows, more than {_ASIDE:g} m; give torque in N m and force in N."
