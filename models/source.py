@@ -114,10 +114,7 @@ def read_body_file(path: Path) -> BodyFile:
 
 
 def source_path(source: str, folder: Path) -> Path:
-    """File of the source in a description, by its folder; InputError if there is no such package or file.
-
-    A package has the name by which it is installed or that by which it is imported.
-    """
+    """File of the source in a description, by its folder; InputError if there is no such package or file."""
     package, colon, name = source.partition(":")
     if not colon:
         path = folder / source
@@ -127,7 +124,7 @@ def source_path(source: str, folder: Path) -> Path:
     try:
         files = metadata.distribution(package).files or []
     except (metadata.PackageNotFoundError, ValueError):
-        for installed in metadata.packages_distributions().get(package, ()):
+        for installed in metadata.packages_distributions().get(package, ()):  # by the name of its import
             return source_path(f"{installed}:{name}", folder)
         # What to install is said of our own descriptions only: others may name anything.
         way_out = f"run pip install --no-deps {package}" if folder == FOLDER else "install what you trust"

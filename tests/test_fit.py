@@ -293,7 +293,7 @@ def test_force_plates_of_c3d(sign, unit, tmp_path, ampm):
     assert answer.json["constants"]["c_single_x"]["value"] == pytest.approx(1.2, abs=0.01)
     point["UNITS"]["value"] = ()
     file.write(str(path))
-    with pytest.raises(InputError, match=r"walk\.c3d: the unit of lengths, POINT:UNITS, is ''"):
+    with pytest.raises(InputError, match=r"walk\.c3d: POINT:UNITS is ''; write m, cm or mm"):
         log_columns(path)
 
 

@@ -90,8 +90,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
         weighed: whether the log's weight is the body's, and not to be that of its mean vertical force.
 
     Raises:
-        InputError: no ZMP, neither COM nor height or both, too few strides that are alike, a COM that climbs
-            from its floor, or a force that contradicts the COM.
+        InputError: no ZMP, neither COM nor height or both, too few strides that are alike, or a COM that
+            climbs from its floor or contradicts the force.
     """
     if "zmp" not in log.signals:
         raise InputError(f"{log.name} has no centres of pressure; give zmp_x, _y, or those of both feet.")

@@ -77,6 +77,7 @@ _FASTEST = 15.0  # speed of a belt: more is another unit [m/s]
 _LEAN = 1.0  # most horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # least share of rows with numbers: with less a signal counts as missing [1]
 _LOST = 0.2  # most share of a loaded foot's rows without a COP: with more it is the other foot's COP [1]
+_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])  # quaternion of axes that are the world's
 _ASIDE = 2.0  # most distance of a foot's sensor from the force: more is another unit [m]
 _CONTRARY = 0.9  # correlation of angular momentum and integrated moment from which both can be compared [1]
 _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
@@ -289,27 +290,21 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
     forces, torques = [], []
     for foot in FEET:
         if by_sensor:
-            axes = Rotation.identity()
-            if f"{foot}_sensor_quaternion" in signals:
-                turns = signals[f"{foot}_sensor_quaternion"]
-                gaps = np.asarray(np.isnan(turns).any(axis=1))
-                axes = Rotation.from_quat(
-                    np.where(gaps[:, None], [1.0, 0.0, 0.0, 0.0], turns), scalar_first=True
-                )
-                signals[f"{foot}_sensor_force"][gaps] = np.nan
-            force = signals[f"{foot}_force"] = axes.apply(signals[f"{foot}_sensor_force"])
-            torque = axes.apply(signals[f"{foot}_sensor_torque"])
-            place = signals[f"{foot}_sensor"]
+            turns = signals.get(f"{foot}_sensor_quaternion", _LEVEL)
+            gaps = np.isnan(turns).any(axis=1, keepdims=True)
+            axes = Rotation.from_quat(np.where(gaps, _LEVEL, turns), scalar_first=True)
+            force = axes.apply(np.where(gaps, np.nan, signals[f"{foot}_sensor_force"]))
+            torque, place = axes.apply(signals[f"{foot}_sensor_torque"]), signals[f"{foot}_sensor"]
             aside = np.hypot(*centre_of_pressure(force, torque, LOADED * weight).T)
-            middle = float(np.median(aside[np.isfinite(aside)])) if np.isfinite(aside).any() else 0.0
             # What stays in place is a plate or the origin of the world, and may be far from the force.
-            if middle > _ASIDE and np.ptp(place, axis=0).any():
+            if (aside > _ASIDE).sum() > (aside <= _ASIDE).sum() and np.ptp(place, axis=0).any():
                 raise InputError(
-                    f"{foot}_sensor_torque puts the force {middle:.3g} m or more aside of the sensor in half "
-                    f"of the rows, more than {_ASIDE:g} m; give torque in N m and force in N."
+                    f"{foot}_sensor_torque puts the force {np.nanmedian(aside):.3g} m aside of the sensor "
+                    f"(median), more than {_ASIDE:g} m; give torque in N m and force in N."
                 )
             torques.append(np.cross(place, force) + torque)
             forces.append(force)
+            signals[f"{foot}_force"] = force
         elif f"{foot}_cop" in signals:
             force = signals[f"{foot}_force"]
             at = np.column_stack([signals[f"{foot}_cop"], np.broadcast_to(floor, len(force))])

@@ -57,8 +57,7 @@ class Plant:
             jacobian = np.zeros((3, self._model.nv))
             mujoco.mj_jacSubtreeCom(self._model, self._data, jacobian, self._root)
             return np.asarray(jacobian @ self._data.qvel)
-        result = np.zeros(6)
-        kind = mujoco.mjtObj.mjOBJ_BODY
+        result, kind = np.zeros(6), mujoco.mjtObj.mjOBJ_BODY
         mujoco.mj_objectVelocity(self._model, self._data, kind, self.segment(segment), result, 0)
         return result[3:]
 

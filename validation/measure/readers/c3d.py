@@ -19,8 +19,7 @@ def read(path: Path) -> dict[str, Any]:
     Returns:
         ``time`` of the analog samples; ``force_x`` ... and ``zmp_x``, ``zmp_y`` of all plates;
         ``plate1_force_x`` ..., ``plate1_cop_x``, ``plate1_cop_y`` and others; each point by its label, such
-        as ``SACR_x``, NaN where it was not seen, except one named as a column of the plates. Forces act on
-        the body.
+        as ``SACR_x``, NaN where it was not seen, or the plates' column of that name. Forces act on the body.
 
     Raises:
         InputError: no C3D file, or one without force plates or a unit of lengths.
@@ -28,19 +27,14 @@ def read(path: Path) -> dict[str, Any]:
     try:
         file = ezc3d.c3d(str(path), extract_forceplat_data=True)
     except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"{path} cannot be read as C3D ({error}); correct it, or give a whole file."
-        ) from error
+        raise InputError(f"{path} cannot be read as C3D ({error}); give a whole file.") from error
     plates = file["data"]["platform"]
     if not plates:
         raise InputError(f"{path} has no force plates; a log needs the force of the floor.")
     points, of = file["data"]["points"], file["parameters"]["POINT"]
     unit = "".join(of.get("UNITS", {"value": []})["value"][:1]).strip().lower()  # of the plates, too
     if unit not in _LENGTHS:
-        raise InputError(
-            f"{path}: the unit of lengths, POINT:UNITS, is {unit!r} and must be one of {', '.join(_LENGTHS)};"
-            " write it into the file, with ezc3d for example."
-        )
+        raise InputError(f"{path}: POINT:UNITS is {unit!r}; write m, cm or mm, the unit of lengths, into it.")
     rate, scale = file["header"]["analogs"]["frame_rate"], _LENGTHS[unit]
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
     seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
