@@ -25,11 +25,10 @@ from hypothesis import strategies as st
 import ampm
 import validation as val
 from ampm import AmpmError, InputError, RefusedGait, load_run
-from ampm.parameters import KEYS, BodyParameters, RunParameters
+from ampm.parameters import KEYS
 from ampm.planner import routes
 from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
-from models.load import build_body
 from tests import test_make_plan
 from tests.solved import simulated
 from tests.sweep_table import parse_sweep
@@ -147,9 +146,9 @@ def test_bad_input_is_refused_with_key_and_value(row, tmp_path):
         assert error.reason == row["key"] or not row["key"]
         assert error.way_out in str(error)
         assert not math.isnan(error.limit)
-    elif row["key"]:
+    else:
         assert isinstance(error, InputError)
-        assert error.details["key"] == row["key"]
+        assert row["key"] in ("", error.details.get("key"))
         assert row["key"] in str(error)
 
 
@@ -177,7 +176,6 @@ def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of
     assert {*tmp_path.iterdir()} - {tmp_path / "__pycache__"} == given
 
 
-EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 NUMBERS = st.one_of(
     st.floats(),
     st.sampled_from([0.0, -1.0, 1e-300, 5e-324, 1e308, -1e308, math.nan, math.inf, -math.inf]),
@@ -220,13 +218,9 @@ PLAN = (
         for i in range(40)
     )
 )
-
-
 STEPS = "foot,x,y,heading,time\n" + "\n".join(
     f"{'left' if i % 2 else 'right'},{0.3 * i},{0.09 * (-1) ** (i + 1)},0," for i in range(6)
 )
-
-
 TABLES = {"log": LOG, "plan": PLAN, "footsteps": STEPS}
 
 
@@ -263,26 +257,24 @@ def test_tables(kind, examples, tmp_path):
 @cache
 def attributes():
     """Places of the numbers of the example's URDF: element, attribute."""
-    tree = ET.fromstring((EXAMPLES / "biped.urdf").read_text(encoding="utf-8"))
-    found = [(i, name) for i, element in enumerate(tree.iter()) for name in element.keys()]  # noqa: SIM118
-    return [(i, name) for i, name in found if re.search(r"\d", list(tree.iter())[i].attrib[name])]
+    return [
+        (i, name)
+        for i, element in enumerate(ET.fromstring(URDF).iter())
+        for name, value in element.items()
+        if re.search(r"\d", value)
+    ]
 
 
 @SIZES
 @pytest.mark.filterwarnings("ignore:Inertia matrix:UserWarning")
-def test_models_of_bodies(examples, tmp_path):
-    (tmp_path / "biped.toml").write_bytes((EXAMPLES / "biped.toml").read_bytes())
-    urdf = (EXAMPLES / "biped.urdf").read_text(encoding="utf-8")
-    run = RunParameters(body=BodyParameters(source=str(tmp_path / "biped.toml")))
-
+def test_models_of_bodies(examples):
     def check(place, value, number):
-        tree = ET.fromstring(urdf)
+        tree = ET.fromstring(URDF)
         element, name = list(tree.iter())[place[0]], place[1]
         words = element.get(name).split()
         words[number % len(words)] = str(value)
         element.set(name, " ".join(words))
-        (tmp_path / "biped.urdf").write_text(ET.tostring(tree, encoding="unicode"), encoding="utf-8")
-        body = build_body(run).description
-        assert math.isfinite(body.mass)
+        body = read_body(ET.tostring(tree, encoding="unicode"))
+        assert math.isfinite(body.description.mass)
 
     fuzz(max(examples // 3, 8), check, st.sampled_from(attributes()), NUMBERS, st.integers(0, 2))

@@ -14,11 +14,8 @@ import numpy as np
 import pytest
 
 import ampm
-import validation as val
 from ampm import InputError, SolverError, __version__, dump_run, load_run
-from ampm.files import read_text
 from ampm.parameters import KEYS, OPTION_TABLES
-from ampm.planner.routes import read_footsteps
 from ampm.planner.table import table_motion
 from tests.saved_run import forge, with_column
 from tests.test_bad_input import LOG, PLAN
@@ -28,7 +25,7 @@ from validation.show.viewer import viewer_command
 from validation.store.record import load_record
 from validation.trial.files import RunFile
 from validation.trial.plan import Request, plan_walk
-from validation.trial.users import UsersCode, UsersError, read_columns
+from validation.trial.users import UsersCode, UsersError
 
 
 def test_plan_json_has_the_contract(ampm):
@@ -313,17 +310,6 @@ def test_the_tables_that_are_changed_are_read():
     # Nothing carries there.
     assert (flight.time.size, flight.lost.any(), "zmp" in flight.signals) == (40, False, True)
     plan("")
-
-
-def test_only_regular_files_are_read(tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    (tmp_path / "latin.csv").write_bytes(b"foot,x\n\xe9,1\n")
-    for read in (read_text, read_columns, read_footsteps, ampm.load_run, val.load_uncertainty):
-        with pytest.raises(InputError, match="is not a regular file"):
-            read(tmp_path / "pipe.csv")
-    for read in (read_columns, read_footsteps):
-        with pytest.raises(InputError, match="byte 0xe9 in line 2; save"):
-            read(tmp_path / "latin.csv")
 
 
 @pytest.mark.parametrize("command", ["report .", "compare . .", "view . --save a.rrd"])
