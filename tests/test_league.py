@@ -48,18 +48,18 @@ def over(**last):
     return [*rows, end | last]
 
 
+def fallen(w, duration, position, velocity):
+    """Position and velocity of a pendulum after some time."""
+    rate, start = np.array([[0.0, 1.0], [w * w, 0.0]]), [position, velocity]
+    return solve_ivp(lambda t, s: rate @ s, (0.0, duration), start, rtol=1e-11, atol=1e-13).y[:, -1]
+
+
 @pytest.mark.parametrize(("w", "single", "double"), PENDULA)
-def test_the_steps_of_hlip_are_those_of_its_pendulum(w, single, double):
+def test_hlip_has_the_steps_of_its_pendulum_and_needs_two_its_regulator_more(w, single, double):
     A, B = step_to_step(w, single, double)
     state, step = np.array([0.03, -0.4]), 0.2
-    start = [state[0] + double * state[1] - step, state[1]]
-    end = solve_ivp(lambda t, s: [s[1], w * w * s[0]], (0.0, single), start, rtol=1e-11, atol=1e-13).y[:, -1]
+    end = fallen(w, single, state[0] + double * state[1] - step, state[1])
     np.testing.assert_allclose(A @ state + B * step, end, atol=1e-9)
-
-
-@pytest.mark.parametrize(("w", "single", "double"), PENDULA)
-def test_hlip_needs_two_steps_and_its_regulator_more(w, single, double):
-    A, B = step_to_step(w, single, double)
     closed = A + np.outer(B, deadbeat(w, single, double))
     np.testing.assert_allclose(closed @ closed, 0.0, atol=1e-10)
     softer = A + np.outer(B, regulator(w, single, double))
@@ -70,9 +70,7 @@ def test_hlip_needs_two_steps_and_its_regulator_more(w, single, double):
 def test_the_step_of_alip_brings_the_momentum_about_the_contact_to_zero(w, duration, _):
     x, speed = 0.04, 0.3  # the momentum about the contact, over m H
     step = wanted_step(w, duration, x, speed)
-    start, accuracy = [x - step, speed], {"rtol": 1e-11, "atol": 1e-13}
-    end = solve_ivp(lambda t, s: [s[1], w * w * s[0]], (0.0, duration), start, **accuracy)
-    assert end.y[1, -1] == pytest.approx(0.0, abs=1e-9)
+    assert fallen(w, duration, x - step, speed)[1] == pytest.approx(0.0, abs=1e-9)
     assert step == pytest.approx(deadbeat(w, duration, 0.0) @ [x, speed])  # the same without double support
 
 
