@@ -29,13 +29,14 @@ class Counted(JointPD):
 
 @pytest.fixture
 def run(pytester, monkeypatch):
-    """Run pytest with the plugin in a process of its own."""
+    """Run a test file with the plugin in a process of its own."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("COUNT", str(pytester.path / "count"))
 
-    def call(*arguments):
+    def call(text, *arguments):
+        pytester.makepyfile(FILE + text)
         plugins = ("-p", "validation.pytest_plugin", "-p", "no:cacheprovider")
         return pytester.runpytest_subprocess(*plugins, *arguments)
 
@@ -47,14 +48,12 @@ def test_the_example_gates_its_controller(run, pytester):
     for name in ("controller.py", "test_controller.py"):
         shutil.copy(EXAMPLE / name, pytester.path)
     assert len((EXAMPLE / "test_controller.py").read_text(encoding="utf-8").splitlines()) <= 19
-    run().assert_outcomes(passed=5)
+    run("").assert_outcomes(passed=5)
 
 
 @pytest.mark.slow
 def test_equal_inputs_are_walked_once(run, pytester):
-    pytester.makepyfile(
-        FILE
-        + """
+    run("""
 @pytest.mark.parametrize("number", range(4))
 def test_equal(walked, number):
     trial = walked("normal", controller=Counted, **COARSE)
@@ -64,17 +63,13 @@ def test_equal(walked, number):
 def test_another(walked):
     trial = walked("normal", controller=Counted, body={"mass": 61.0}, **COARSE)
     assert trial.record.mass == pytest.approx(61.0)
-"""
-    )
-    run().assert_outcomes(passed=5)
+""").assert_outcomes(passed=5)
     assert (pytester.path / "count").read_text(encoding="utf-8").count("walked") == 2
 
 
 @pytest.mark.slow
-def test_objects_that_were_changed_are_walked_again(run, pytester):
-    pytester.makepyfile(
-        FILE
-        + """
+def test_objects_that_were_changed_are_walked_again(run):
+    run("""
 from dataclasses import dataclass
 import numpy as np
 
@@ -96,15 +91,12 @@ def test_changed(walked, monkeypatch):
     monkeypatch.setattr(Kick, "sign", -1.0)
     pushed = walked("normal", disturbances=[kick], controller=controller, **COARSE)
     assert pushed.record.external_force[..., 0].min() == -5.0
-"""
-    )
-    run().assert_outcomes(passed=1)
+""").assert_outcomes(passed=1)
 
 
-def test_failures_say_what_is_wrong(run, pytester, tmp_path):
-    pytester.makepyfile(
-        FILE
-        + """
+def test_failures_say_what_is_wrong(run, tmp_path):
+    result = run(
+        """
 def test_falls(walked, assert_within):
     walked("normal", controller=JointPD, **COARSE)
     assert_within()
@@ -114,9 +106,9 @@ def test_nothing(assert_within):
 
 def test_unknown_gait(walked):
     walked("nromal")
-"""
+""",
+        f"--basetemp={tmp_path / 'runs'}",
     )
-    result = run(f"--basetemp={tmp_path / 'runs'}")
     result.assert_outcomes(failed=3)
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
