@@ -12,24 +12,17 @@ import cloudpickle
 import numpy as np
 import pytest
 
+import validation as val
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, sweep_of
 from tests.test_verdict import compared, named, verdict_of
 from tests.walk import perfect_walk
-from validation.judge.metrics import (
-    METRICS,
-    Metric,
-    added_metrics,
-    evaluate,
-    register,
-    set_metrics,
-    unregister,
-)
+from validation.judge.metrics import METRICS, added_metrics, evaluate, register, set_metrics, unregister
 from validation.judge.profiles import DEFAULT, JUMPS, STRICT
 from validation.judge.verdict import build_summary
 from validation.study.sweep.report import sweep_metric_table
 
-DROP = Metric(
+DROP = val.Metric(
     name="com_drop",
     unit="m",
     label="COM, lowest below the plan",

@@ -56,11 +56,8 @@ class Page(HTMLParser):
         self.tags.append(tag)
         if tag not in ("meta", "br", "link", "img"):
             self.open.append(tag)
-        for name, value in attributes:
-            if name == "id":
-                self.ids.append(value)
-            if name in ("href", "src", "xlink:href"):
-                self.links.append(value)
+        self.ids += [value for name, value in attributes if name == "id"]
+        self.links += [value for name, value in attributes if name in ("href", "src", "xlink:href")]
 
     def handle_endtag(self, tag):
         assert self.open, f"</{tag}> closes nothing"

@@ -28,6 +28,7 @@ import pytest
 import validation as val
 from ampm.exceptions import InputError, StudyStopped
 from ampm.parameters import RunParameters
+from tests.test_body_files import write
 from validation.cli import console
 from validation.progress import Stage
 from validation.store.machine import hidden_main
@@ -355,9 +356,6 @@ def test_options_and_imported_modules_travel_to_workers_started_elsewhere(tmp_pa
     assert not set(changed.numbers("metric_zmp_x_rmse")) & set(far.numbers("metric_zmp_x_rmse"))
 
 
-EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
-
-
 def square(number: int) -> dict[str, object]:
     return {"outcome": "completed", "square": number**2}
 
@@ -433,20 +431,14 @@ def test_the_digest_of_a_scripts_function_is_the_same_while_workers_run(tmp_path
 
 
 def test_digest_is_of_all_that_decides_on_a_row(tmp_path):
-    def digest(**options: object) -> str:
-        return Task("a", square, options).digest
-
-    body, model, policy = (tmp_path / name for name in ("biped.toml", "biped.urdf", "policy.onnx"))
-    body.write_text((EXAMPLES / "biped.toml").read_text())
-    model.write_text((EXAMPLES / "biped.urdf").read_text())
+    body, policy = write(tmp_path), tmp_path / "policy.onnx"
     policy.write_text("1")
     run = RunParameters().replace({"body.source": str(body), "controller.options.file": str(policy)})
-    before = digest(run=run)
-    for file in (model, body, policy):
+    digests = {Task("a", square, {"run": run}).digest}
+    for file in (tmp_path / "biped.urdf", body, policy):
         file.write_text(file.read_text() + "\n")
-        after = digest(run=run)
-        assert before != after
-        before = after
+        digests.add(Task("a", square, {"run": run}).digest)
+    assert len(digests) == 4
 
 
 def test_a_log_gets_lines_with_the_count_the_time_that_is_left_and_the_note(capsys, monkeypatch):
