@@ -10,7 +10,6 @@ import pytest
 
 import ampm
 import validation as val
-from ampm.planners import StandingPlanner
 from tests.solved import Changed
 from validation.cli.app import call
 
@@ -61,15 +60,6 @@ class Broken:
 
     def apply(self, time, plant):
         raise KeyError("gusts")
-
-
-class Standing:
-    """A planner that says that its plans need no checks, and calls itself as ours does."""
-
-    checked, tunes, name = True, True, "ampm"
-
-    def plan(self, run, robot):
-        return StandingPlanner().plan(run, robot)
 
 
 def slack(change):

@@ -300,24 +300,19 @@ def log(statement):
     return read_log(columns_of(LOG, statement), 588.6)
 
 
-def plan(statement):
-    return table_motion(columns_of(PLAN, statement))
-
-
 def test_the_tables_that_are_changed_are_read():
     log("com_y = com_y + 1e-3")
     flight = log("force_z[5:11] = 0.0; zmp_x[5:11] = np.nan")
     # Nothing carries there.
     assert (flight.time.size, flight.lost.any(), "zmp" in flight.signals) == (40, False, True)
-    plan("")
+    table_motion(columns_of(PLAN, ""))
 
 
 @pytest.mark.parametrize("command", ["report .", "compare . .", "view . --save a.rrd"])
 def test_the_results_of_a_sweep_are_read_without_its_code(command, ampm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("sweep.toml").write_text(
-        'set.gait.planner = "own_code:Planner"\n[[vary]]\nmethod = "list"\ngait.c_y = [0.8, 1.0]\n'
-    )
+    vary = '[[vary]]\nmethod = "list"\ngait.c_y = [0.8, 1.0]\n'
+    Path("sweep.toml").write_text(f'set.gait.planner = "own_code:Planner"\n{vary}')
     Path("own_code.py").write_text("open('imported', 'w').close()\n")
     assert ampm(*command.split()).status == 2
     assert not Path("imported").exists()

@@ -13,7 +13,6 @@ from tests.solved import walk_of
 
 SOLE = SoleGeometry(-0.107, 0.083, 0.151, 0.03, 0.04, 0.035, -0.042, 0.066)
 BODY = replace(walk_of().robot.description, sole=SOLE, hip_half_width=0.085, leg_length=0.835)
-ANKLE = BODY.legs[0].ankle[1]
 FLAT = FootParameters(schedule="flat")
 ROLL = FootParameters(swing_height=0.1)
 

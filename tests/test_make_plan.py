@@ -40,13 +40,6 @@ def later(contacts, by):
     return ampm.Contacts.in_turn(contacts.footsteps, switches)
 
 
-def opened_later(contacts):
-    """The same contacts, but for a switch that has passed."""
-    switches = contacts.switches.copy()
-    switches[2] = NOW + 0.01  # still in the double support
-    return in_turn(contacts.footsteps, switches)
-
-
 def changed(statement):
     """Samples from NOW on, changed by a statement on their names."""
     samples = samples_of(planned_walk(), NOW) | {"after": planned_walk()}

@@ -200,13 +200,6 @@ def begun(plan, **change):
     return replace(plan, phases=(plan.phases[0]._replace(**change), *plan.phases[1:]))
 
 
-def swapped(plan):
-    """The plan with the contacts of the other foot's walk."""
-    other = {"left": "right", "right": "left"}
-    footsteps = tuple(step._replace(foot=other[step.foot]) for step in plan.contacts.footsteps)
-    return replace(plan, contacts=replace(plan.contacts, footsteps=footsteps))
-
-
 def moved_plan(plan, by):
     """The plan, moved along y as a whole [m]."""
     phases = tuple(phase._replace(origin=(phase.origin[0], phase.origin[1] + by)) for phase in plan.phases)

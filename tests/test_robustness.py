@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import ampm as planner
-from ampm.planner import routes
 from tests.solved import walk_of
 from validation.cli.app import Status
 from validation.store.json import write_json
@@ -117,9 +116,6 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     answer = ampm("robustness", "normal", "--set", *settings, *told, "--out", tmp_path, "--resume", "--json")
     assert (answer.status, answer.json) == (Status.PASS, found.as_dict())
     assert ampm("robustness", "normal", "--out", tmp_path).status == Status.REFUSED
-
-
-STRAIGHT = planner.load_run("normal", footsteps=routes.as_rows(routes.straight(2, 0.4, 0.2)))
 
 
 def test_directions_go_by_the_foot_after_the_push():
