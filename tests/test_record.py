@@ -132,49 +132,39 @@ def pushed(tmp_path_factory):
     return make_run(tmp_path_factory.mktemp("pushed") / "run", steps=2, settings=(*TWO_MS, *PUSH))
 
 
-def add(by, rows=slice(ROW, ROW + 1)):
-    def change(values):
-        values[rows] += by
+def at(rows, change):
+    """A function that changes a column's numbers in some rows."""
+
+    def changed(values):
+        values[rows] = change(values[rows])
         return values
 
-    return change
+    return changed
 
 
-def last_bit(values):
-    values[ROW] = np.nextafter(values[ROW], np.inf)
-    return values
+last_bit = at(ROW, lambda number: np.nextafter(number, np.inf))
+lose = at(ROW, lambda _: np.nan)
 
 
-def turn_sign(values):
-    assert values[ROW] == 0.0
-    values[ROW] = -0.0
-    return values
-
-
-def flip(values):
-    values[ROW] ^= True
-    return values
-
-
-def lose(values):
-    values[ROW] = np.nan
-    return values
+def turned(zero):
+    assert zero == 0.0
+    return -zero
 
 
 FORGED = {
-    "a contact force": ("contacts", "force_{point}_z", add(1.0)),
-    "the sign of a zero": ("contacts", "force_{swing}_x", turn_sign),
+    "a contact force": ("contacts", "force_{point}_z", at(ROW, lambda force: force + 1.0)),
+    "the sign of a zero": ("contacts", "force_{swing}_x", at(ROW, turned)),
     "where it acts": ("contacts", "position_{point}_x", last_bit),
     "a state": ("joints", "qd_left_knee_pitch", last_bit),
-    "where a push acts": ("external", "position_thorax_y", add(1e-3, slice(160, 161))),
-    "all ZMPs": ("signals", "measured_zmp_x", add(1e-3, slice(None))),
+    "where a push acts": ("external", "position_thorax_y", at(160, lambda y: y + 1e-3)),
+    "all ZMPs": ("signals", "measured_zmp_x", at(..., lambda zmp: zmp + 1e-3)),
     "a ZMP that is lost": ("signals", "measured_zmp_x", lose),
     "the COM": ("signals", "measured_com_x", last_bit),
     "a foot's force": ("signals", "right_force_x", last_bit),
-    "a contact": ("signals", "left_contact", flip),
+    "a contact": ("signals", "left_contact", at(ROW, np.logical_not)),
     "slip": ("signals", "right_slip", last_bit),
-    "a part of the ZMP error": ("signals", "zmp_error_momentum_rate_y", add(1e-9)),
-    "the planned ZMP": ("signals", "plan_zmp_x", add(1e-3, slice(None))),
+    "a part of the ZMP error": ("signals", "zmp_error_momentum_rate_y", at(ROW, lambda part: part + 1e-9)),
+    "the planned ZMP": ("signals", "plan_zmp_x", at(..., lambda zmp: zmp + 1e-3)),
 }
 
 
