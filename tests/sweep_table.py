@@ -109,6 +109,5 @@ def write_sweep(folder: Path, table: pa.Table) -> Path:
 def replaced(table: pa.Table, name: str, values: Any) -> pa.Table:
     """Copy of a table with one column changed."""
     index = table.column_names.index(name)
-    return table.set_column(
-        index, table.field(name), pa.array(values, table.field(name).type, from_pandas=True)
-    )
+    column = pa.array(values, table.field(name).type, from_pandas=True)
+    return table.set_column(index, table.field(name), column)

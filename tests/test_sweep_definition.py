@@ -120,8 +120,7 @@ def test_sampled_blocks_fill_their_ranges_and_hang_on_the_seed_alone(method):
     lines = "body.height = { from = 1.5, to = 1.9 }\nbody.mass = { from = 40, to = 90 }"
     columns, again, other = (sampled(lines, method, 256, seed) for seed in (1, 1, 2))
     for key, (low, high) in {"body.height": (1.5, 1.9), "body.mass": (40, 90)}.items():
-        assert columns[key].min() >= low
-        assert columns[key].max() <= high
+        assert low <= columns[key].min() <= columns[key].max() <= high
         assert np.histogram(columns[key], 8, (low, high))[0].tolist() == [32] * 8  # even in every key
         np.testing.assert_array_equal(columns[key], again[key])
     assert (other["body.mass"] != columns["body.mass"]).any()
@@ -157,9 +156,8 @@ def test_options_behind_a_name_are_of_one_planner_alone(tmp_path, monkeypatch):
 def test_several_gaits_are_crossed_with_all_blocks_and_keep_their_own_values(tmp_path):
     sides = (("right", -0.1), ("left", 0.1))
     rows = [{"foot": foot, "x": 0.3 * n, "y": y} for n in range(3) for foot, y in sides]
-    (tmp_path / "stones.toml").write_text(
-        tomli_w.dumps({"footsteps": rows, "gait": {"steps": 7}, "sensors": {"delay": 0.002}})
-    )
+    stones = {"footsteps": rows, "gait": {"steps": 7}, "sensors": {"delay": 0.002}}
+    (tmp_path / "stones.toml").write_text(tomli_w.dumps(stones))
     path = tmp_path / "league.toml"
     path.write_text(
         '[sweep]\ngait = ["normal", "stones.toml"]\n[set]\nsensors.seed = 3\n'
@@ -193,13 +191,12 @@ def test_a_robot_has_the_values_that_suit_its_engine(place):
 
 def test_times_and_rates_of_a_range_are_whole_steps_and_ticks_of_their_run():
     fixed = f"{GRID}simulation.time_step = [0.002, 0.001]\n"
-    ranges = {
-        "sensors.delay": (0, 0.008),
-        "disturbance.actuation_delay": (0, 0.009),
-        "sensors.rate": (100, 500),
-    }
-    lines = "".join(f"{key} = {{ from = {a}, to = {b} }}\n" for key, (a, b) in ranges.items())
-    sweep = parse_sweep(f'{fixed}[[vary]]\nmethod = "latin_hypercube"\ncount = 8\n{lines}')
+    ranges = (
+        "sensors.delay = { from = 0, to = 0.008 }\n"
+        "disturbance.actuation_delay = { from = 0, to = 0.009 }\n"
+        "sensors.rate = { from = 100, to = 500 }\n"
+    )
+    sweep = parse_sweep(f'{fixed}[[vary]]\nmethod = "latin_hypercube"\ncount = 8\n{ranges}')
     runs = [sweep.parameters(run) for run in range(16)]  # none is refused
     assert len({run.sensors.delay for run in runs}) > 6
     assert {run.count("sensors.delay") for run in runs} >= {0, 1, 2, 3, 4, 7}

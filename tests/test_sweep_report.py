@@ -23,12 +23,6 @@ from validation.study.sweep.table import METRIC, SweepTable, read_sweep
 from validation.table import is_heading
 from validation.trial.files import RunFile
 
-GRID: dict[str, Any] = {
-    "gait.c_s": [0.6, 1.0],
-    "gait.a_s": [2.63, float("inf")],
-    "gait.planner": ["ampm", "dcm", "lipm"],
-}
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -61,13 +55,8 @@ def test_page_says_what_the_table_says(folder, html):
 def test_every_run_is_drawn_in_the_colour_of_its_state(folder):
     sweep = read_sweep(folder)
     pair, *shares = draw_sweep(sweep)
-    assert [picture.charts[0].xlabel for picture in shares[:5]] == [
-        "gait.step_length [m]",
-        "gait.switching_velocity [m/s]",
-        "gait.c_s",
-        "gait.c_y",
-        "body.height [m]",
-    ]
+    labels = "gait.step_length [m], gait.switching_velocity [m/s], gait.c_s, gait.c_y, body.height [m]"
+    assert [picture.charts[0].xlabel for picture in shares[:5]] == labels.split(", ")
     dots = [mark for mark in pair.charts[0].marks if mark.round]
     assert sorted(len(mark.points) for mark in dots) == sorted(filter(None, sweep.counts.values()))
     drawn = np.concatenate([mark.points for mark in shares[2].charts[0].marks if mark.round])
@@ -81,7 +70,9 @@ def test_axes_have_the_units_of_their_keys():
 
 
 def test_texts_and_infinities():
-    table = make_table(failures=False, grid=GRID)
+    names = ["ampm", "dcm", "lipm"]
+    grid: dict[str, Any] = {"gait.c_s": [0.6, 1.0], "gait.a_s": [2.63, np.inf], "gait.planner": names}
+    table = make_table(failures=False, grid=grid)
     values = [*table["metric_zmp_y_rmse"].to_pylist()[:-1], np.inf]
     sweep = sweep_of(replaced(table, "metric_zmp_y_rmse", values))
     assert sweep.worst[0] == len(sweep) - 1
@@ -93,7 +84,7 @@ def test_texts_and_infinities():
     assert planners.xticks == {"ampm": 0.0, "dcm": 1.0, "lipm": 2.0}
     (zmp,) = (chart for chart in charts if chart.title.startswith("ZMP, RMS error along x"))
     assert zmp.xlabel == "gait.c_s"
-    assert [mark.label for mark in zmp.marks if mark.label] == ["ampm", "dcm", "lipm"]
+    assert [mark.label for mark in zmp.marks if mark.label] == names
     dots = [mark.points for chart in charts for mark in chart.marks if mark.round]
     assert all(np.isfinite(points).all() for points in dots)
 
@@ -164,20 +155,16 @@ def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero():
 
 LIMITS = {"zmp_x_rmse": 2.5e-3, "zmp_y_rmse": 1.5e-3, "failed_qp": 0.0}
 SLOPES = {"gait.c_y": [round(0.5 + 0.05 * run, 2) for run in range(10)]}
-METRICS = {
-    "zmp_x_rmse": 1e-3 + 1e-5 * np.arange(10),
-    "zmp_y_rmse": np.full(10, 5e-4),
-    "failed_qp": np.zeros(10),
-}
+GOOD = {"zmp_x_rmse": 1e-3 + 1e-5 * np.arange(10), "zmp_y_rmse": np.full(10, 5e-4), "failed_qp": np.zeros(10)}
 
 
 def table(**changes) -> pa.Table:
     """Ten completed runs; ``zmp_x_rmse=[...]`` replaces the first values of a column."""
     found = make_table(grid=SLOPES, failures=False)
     found = replaced(found, "verdict", ["pass"] * 10)
-    for name, values in {**METRICS, **changes}.items():
+    for name, values in {**GOOD, **changes}.items():
         key = name if name in found.column_names else METRIC + name
-        found = replaced(found, key, [*values, *(METRICS.get(name, found[key].to_pylist()))[len(values) :]])
+        found = replaced(found, key, [*values, *(GOOD.get(name, found[key].to_pylist()))[len(values) :]])
     return found
 
 
@@ -242,14 +229,9 @@ def test_outcomes(before, after, kind):
 
 def test_a_step_across_the_limit_counts_only_beyond_noise():
     limit = LIMITS["zmp_y_rmse"]
-    below, above, far = (
-        sweep("B", zmp_y_rmse=[value], verdict=[verdict])
-        for value, verdict in (
-            (limit * (1 - 1e-8), "pass"),
-            (limit * (1 + 1e-8), "fail"),
-            (2 * limit, "fail"),
-        )
-    )
+    below = sweep("B", zmp_y_rmse=[limit * (1 - 1e-8)], verdict=["pass"])
+    above = sweep("B", zmp_y_rmse=[limit * (1 + 1e-8)], verdict=["fail"])
+    far = sweep("B", zmp_y_rmse=[2 * limit], verdict=["fail"])
     assert kinds(below, above) == kinds(above, below) == []
     (row,) = compare_sweeps(sweep(), far).changes.rows
     assert row == ("newly failing", "0", "pass", "out of tolerance", "ZMP, RMS error along y", "gait.c_y 0.5")
