@@ -129,11 +129,6 @@ R_X = moment((0, 0, 0), (0, y, H), (0, FORCE[1], m * g))[0]
 R_X_PRINTED = y * (-m * g) - H * FORCE[1]
 
 
-def swings(path):
-    """Zero for a path of the frequency a."""
-    return sp.diff(path, t, 2) + a**2 * path
-
-
 SWING = C_1 * sp.cos(a * t) + C_2 * sp.sin(a * t)
 FORMULAS = [
     ("E1", FORCE[0] / FORCE[2] - (c * x + d) / H, FORCE[0] / FORCE[1] - (c * x + d) / H),
@@ -145,7 +140,8 @@ FORMULAS = [
     ("E7", Z_Y.subs(y, beta) - (beta + s), beta / (beta + s) * beta - (beta + s)),
     ("E8", CONTINUED - c_y, CONTINUED - C_3),
     ("E9", s + beta - SINGLE.subs(t, T) - beta, s + beta - SINGLE.subs(t, T) - (beta + s)),
-    ("E10", swings(SWING), swings(SWING - b * a**2)),
+    # For a path of the frequency a the curvature is -a^2 times the path.
+    ("E10", sp.diff(SWING, t, 2) + a**2 * SWING, sp.diff(SWING, t, 2) + a**2 * (SWING - b * a**2)),
     ("E11", H * FORCE[1] - y * m * g - R_X, R_X_PRINTED - R_X),
     ("E11", R_X.subs(c_y, 1), R_X_PRINTED.subs(c_y, 1)),  # where the force passes through the COM
     ("E11", R_X + (y * m * g - H * FORCE[1]), R_X - (y * m * g - H * FORCE[1])),  # with F_z alone corrected

@@ -188,15 +188,11 @@ SCHEDULES = {
     ),
     "early": FootParameters(swing_height=0.08, toe_return=0.3, heel_rise_lead=0.05, full_contact=0.5),
 }
-STEPS = 5
-
-
-def gait(**values):
-    return load_run("normal", [f"gait.steps={STEPS}"]).gait.model_copy(update=values)
 
 
 def planned(foot, **values):
-    return plan_steps(gait(**values), 60.0, foot, SOLE)
+    gait = load_run("normal", ["gait.steps=5"]).gait.model_copy(update=values)
+    return plan_steps(gait, 60.0, foot, SOLE)
 
 
 def feet_of(**change):

@@ -75,8 +75,7 @@ def test_the_two_zmps_agree_while_the_zmp_moves_by_centimetres(swing):
     checks = measured.self_checks
     assert zmp_gap(measured) < 1e-6
     assert force_gap(measured) < 1e-5 * WEIGHT
-    assert checks.com_agreement < 1e-12
-    assert checks.angular_momentum_agreement < 1e-12
+    assert max(checks.com_agreement, checks.angular_momentum_agreement) < 1e-12
     assert abs(checks.impulse_residual) < 1e-6
 
 
@@ -165,21 +164,17 @@ def test_a_spring_that_a_torque_balances_changes_nothing(block):
 
 def test_what_is_missing_shows(block):
     record, model = block
-    arm = model.joints[model.getJointId("swing")].idx_v
-    damping = np.zeros(7)
-    damping[arm] = 1.0  # [N m s/rad]
-    damped = NOTHING._replace(damping=damping)
+    damped = NOTHING._replace(damping=np.eye(7)[6])  # [N m s/rad]
     turned = check(replace(record, tick_torque=record.tick_torque + 0.1), model)
     for wrong in (check(without_point(record), model), turned, check(record, model, damped)):
         assert wrong.median > 1e-3 * wrong.change
     assert turned.coordinate == "swing"
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [(), ("disturbance.push_y=40.0", "disturbance.push_at=0.5", "disturbance.joint_damping=1.0")],
-    ids=["undisturbed", "pushed and damped"],
-)
+PUSHED = ("disturbance.push_y=40.0", "disturbance.push_at=0.5", "disturbance.joint_damping=1.0")
+
+
+@pytest.mark.parametrize("settings", [(), PUSHED], ids=["undisturbed", "pushed and damped"])
 def test_a_walk_obeys_them(settings):
     planned, record = walked(2, settings, None)
     model = planned.scene.model.compile()

@@ -40,9 +40,8 @@ def pinocchio_model():
     """The same body by hand: written from the numbers above, not converted: a second witness."""
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-    model.appendBodyToJoint(
-        root, pin.Inertia(MASS, np.array([0, 0, 0.25]), np.diag([0.4, 0.5, 0.3])), pin.SE3.Identity()
-    )
+    block = pin.Inertia(MASS, np.array([0, 0, 0.25]), np.diag([0.4, 0.5, 0.3]))
+    model.appendBodyToJoint(root, block, pin.SE3.Identity())
     placement = pin.SE3(np.eye(3), np.array([0, 0.02, 0.4]))
     swing = model.addJoint(root, pin.JointModelRY(), placement, "swing")
     arm = pin.Inertia(ARM_MASS, np.array([0, 0, -0.3]), np.diag([0.02, 0.02, 0.005]))
@@ -52,10 +51,8 @@ def pinocchio_model():
 
 def simulate(steps=500, dt=0.002, torque=lambda time: 0.0, height=0.0, sink=0.0):
     """Step the block and log it as the testbed logs a walk: forces of step k belong to the state at t_k."""
-    points = "\n".join(
-        f'<geom name="p{i}" type="sphere" size=".001" pos="{x} {y} .001"/>'
-        for i, (x, y) in enumerate(CORNERS)
-    )
+    point = '<geom name="p{}" type="sphere" size=".001" pos="{} {} .001"/>'
+    points = "\n".join(point.format(i, *corner) for i, corner in enumerate(CORNERS))
     model = mujoco.MjModel.from_xml_string(XML.format(dt=dt, points=points))
     data = mujoco.MjData(model)
     data.qpos[2] = height - sink
