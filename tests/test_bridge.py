@@ -99,11 +99,10 @@ def test_joint_order_names_and_limits(model: mujoco.MjModel) -> None:
     assert list(twin.names)[1:] == [model.joint(i).name for i in range(model.njnt)]
     for i in range(model.njnt):
         entry = twin.joints[twin.getJointId(model.joint(i).name)]
-        assert entry.idx_v == model.jnt_dofadr[i]
-        assert entry.idx_q == model.jnt_qposadr[i]
+        assert (entry.idx_v, entry.idx_q) == (model.jnt_dofadr[i], model.jnt_qposadr[i])
         if model.jnt_limited[i]:
-            assert twin.lowerPositionLimit[entry.idx_q] == model.jnt_range[i, 0]
-            assert twin.upperPositionLimit[entry.idx_q] == model.jnt_range[i, 1]
+            limits = twin.lowerPositionLimit[entry.idx_q], twin.upperPositionLimit[entry.idx_q]
+            assert limits == tuple(model.jnt_range[i])
         if model.nu:
             limit = np.pad(model.actuator_ctrlrange[:, 1], (6, 0))
             assert twin.effortLimit[entry.idx_v] == limit[entry.idx_v]

@@ -58,9 +58,8 @@ def test_files_settings_and_python_give_the_same_options(tmp_path):
     assert run.controller.options == {"gain": 2, "mode": "plain"}
     assert type(run.controller.options["gain"]) is int
     assert run.value("planner.options.far") is True
-    same = load_run(controller={"name": SOFT}).replace(
-        {"controller.options.gain": 2, "controller.options.mode": "plain", "planner.options.far": True}
-    )
+    options = {"controller.options.gain": 2, "controller.options.mode": "plain", "planner.options.far": True}
+    same = load_run(controller={"name": SOFT}).replace(options)
     assert same == run
     assert hash(same) == hash(run)
     saved = tmp_path / "saved.toml"

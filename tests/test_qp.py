@@ -52,8 +52,7 @@ def test_known_solutions():
     for seed in range(20):
         P, q, A, lower, upper, x = problem(seed)
         solution = solver(P, q, A, lower, upper)
-        assert solution.status == QPStatus.SOLVED
-        assert solution.solved
+        assert (solution.status, solution.solved) == (QPStatus.SOLVED, True)
         np.testing.assert_allclose(solution.x, x, atol=1e-6)
         assert solution.residual < 1e-6
         assert solution.seconds > 0.0
@@ -75,8 +74,7 @@ def test_contradicting_bounds_are_infeasible(used):
 def test_running_out_of_iterations_gives_the_last_iterate():
     solver = solver_of(QPSettings(tolerance=1e-12, max_iterations=10))
     solution = solver(*problem(3)[:5])
-    assert solution.status == QPStatus.UNSOLVED
-    assert not solution.solved
+    assert (solution.status, solution.solved) == (QPStatus.UNSOLVED, False)
     assert np.isfinite(solution.x).all()
     assert solution.iterations == 10
 

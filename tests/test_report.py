@@ -323,10 +323,8 @@ def test_segments_move_as_the_model_says(one):
     model = mujoco.MjModel.from_xml_string((one / "model.xml").read_text(encoding="utf-8"))
     data = mujoco.MjData(model)
     for name in ("pelvis", "left_foot"):
-        places, turns = (
-            column(path, f"/world/body/{name}", f"Transform3D:{part}")
-            for part in ("translation", "quaternion")
-        )
+        places = column(path, f"/world/body/{name}", "Transform3D:translation")
+        turns = column(path, f"/world/body/{name}", "Transform3D:quaternion")
         for row in (0, len(places) // 2, len(places) - 1):
             data.qpos[:] = record.q[row]
             mujoco.mj_kinematics(model, data)

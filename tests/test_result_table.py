@@ -215,9 +215,8 @@ def test_evidence_takes_logs_and_studies_of_its_own_gait_alone(run_dir, tmp_path
     twice = ("--study", logs["own"], "--study", logs["own"])
     assert ampm("report", run_dir, "--evidence", file, "--force", *twice).status == 0
     with zipfile.ZipFile(file) as bundle:
-        assert bundle.read("evidence.jsonld").decode().count("normal on normal") == 2 * json.dumps(
-            factors
-        ).count("normal on normal")
+        linked = bundle.read("evidence.jsonld").decode()
+    assert linked.count("normal on normal") == 2 * json.dumps(factors).count("normal on normal")
     assert "--force" in ampm("report", run_dir, "--evidence", file).err
     answer = ampm("report", run_dir, "--evidence", file, "--force", "--study", logs["other"])
     assert "of the gait and body of normal" in answer.err

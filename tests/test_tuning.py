@@ -163,8 +163,7 @@ def test_starts_are_spread_over_the_ranges_and_always_the_same():
     guess = np.array([space.guess()[name] for name in space.names])
     starts = space.spread(guess, 8)
     np.testing.assert_array_equal(starts, space.spread(guess, 8))
-    assert (starts >= space.lower).all()
-    assert (starts <= space.upper).all()
+    assert ((space.lower <= starts) & (starts <= space.upper)).all()
     assert len(np.unique(starts[:, space.names.index("ratio")])) == 8
 
 
