@@ -64,16 +64,11 @@ def test_the_middle_of_a_long_walk_is_the_closed_form_of_the_paper(gait, steps):
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-11)
 
 
+STEP = st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3), st.floats(0.6, 1.0))
+
+
 @settings(max_examples=25, deadline=None)
-@given(
-    st.lists(
-        st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3), st.floats(0.6, 1.0)),
-        min_size=2,
-        max_size=12,
-    ),
-    st.sampled_from(sorted(GAITS)),
-    st.booleans(),
-)
+@given(st.lists(STEP, min_size=2, max_size=12), st.sampled_from(sorted(GAITS)), st.booleans())
 def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
     x = y = heading = 0.0
     footsteps = [Footstep("right", (0.0, -0.09, 0.0)), Footstep("left", (0.0, 0.09, 0.0))]

@@ -94,13 +94,11 @@ with Path(__file__).with_name("walks.csv").open(encoding="utf-8", newline="") as
     ROWS = list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
-        pytest.param(row, marks=[pytest.mark.slow] * ("pushed by" in row["name"]), id=row["name"])
-        for row in ROWS
-    ],
-)
+def case_of(row):
+    return pytest.param(row, marks=[pytest.mark.slow] * ("pushed by" in row["name"]), id=row["name"])
+
+
+@pytest.mark.parametrize("row", [case_of(row) for row in ROWS])
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP, in planners that go on planning
 def test_a_walk_ends_as_it_should(row):
     if "engine=drake" in row["settings"]:

@@ -17,7 +17,6 @@ from ampm.planner.sampled import SampledLaw
 from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, reference_zmp
 from ampm.planner.step_planners import step_axes as axes_of
 from tests import properties, test_footstep_walk, test_footsteps, test_gait, test_heights
-from tests.properties import inside
 from tests.solved import body_of
 
 SOLE = body_of().description.sole
@@ -99,21 +98,17 @@ def test_feet_move_smoothly_and_stand_where_they_should(kind, name):
     properties.assert_feet_stand(plan, ground, over=kind != "schedule")
 
 
-STEPS = 4
-
-
 def plans_of(name, planner):
     """The AMPM's plan of a gait and another planner's."""
-    run = ampm.load_run(name, gait={"steps": STEPS})
-    sole = body_of().description.sole
-    return [STEP_PLANNERS[which](run.gait, 60.0, run.foot, sole) for which in ("ampm", planner)]
+    run = ampm.load_run(name, gait={"steps": 4})
+    return [STEP_PLANNERS[which](run.gait, 60.0, run.foot, SOLE) for which in ("ampm", planner)]
 
 
 def test_the_dcm_obeys_its_dynamics_and_its_recursion():
     """xi' = w (xi - p); single support closed form, double support a cubic of xi; both ends of it meet."""
     own, plan = plans_of("normal", "dcm")
     w, h = math.sqrt(GRAVITY / plan.com_height), 1e-6
-    times = inside(plan, 60)
+    times = properties.inside(plan, 60)
     sample, before, after = (plan.sample(times + shift) for shift in (0.0, -h, h))
     np.testing.assert_allclose((after.dcm - before.dcm) / (2 * h), w * (sample.dcm - sample.zmp), atol=1e-5)
 
