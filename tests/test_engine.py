@@ -1,7 +1,5 @@
 """The same trial in Drake: one body, one record, one replay; contact and solver are Drake's own."""
 
-import json
-
 import mujoco
 import numpy as np
 import pytest
@@ -141,7 +139,7 @@ def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     answer = ampm("validate", "normal", "--engine", "drake", "--json")
     assert answer.status == 2
-    assert "pip install -e '.[drake]'" in json.loads(answer.out)["error"]["message"]
+    assert "pip install -e '.[drake]'" in answer.json["error"]["message"]
 
 
 def test_dry_friction_is_refused(drake):

@@ -149,18 +149,13 @@ def sloping(slope, preset="normal", *, across=0.0, steps=6, **sections):
     return ampm.load_run(preset, gait=gait, simulation={"time_step": 2e-3}, **sections).as_is()
 
 
-SLOPES = [
-    ("normal", (STEEP, 0.0)),
-    ("momentum", (STEEP, 0.0)),
-    ("normal", (0.0, STEEP)),
-    ("normal", (0.05, -0.03)),
-]
+SLOPES = [("normal", STEEP, 0.0), ("momentum", STEEP, 0.0), ("normal", 0.0, STEEP), ("normal", 0.05, -0.03)]
 
 
 @pytest.fixture(scope="module", params=SLOPES, ids=str)
 def plans(request):
     """The same gait on level ground and on a slope."""
-    preset, (along, across) = request.param
+    preset, along, across = request.param
     runs = sloping(0.0, preset), sloping(along, preset, across=across)
     return [plan_walk(load_request(run)).plan for run in runs]
 
