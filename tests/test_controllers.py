@@ -228,6 +228,27 @@ def test_a_diverged_simulation_ends_the_episode_without_reward():
     assert env.step(np.zeros(env.action_spec().shape)).first()
 
 
+class Short:
+    """Pushes in its first steps."""
+
+    left = 3
+
+    def apply(self, time, plant):
+        self.left -= 1
+        if self.left >= 0:
+            plant.push("chest", (0.0, 400.0, 0.0))
+
+
+def test_every_episode_begins_with_a_disturbance_as_it_was_given():
+    env = load(random_start=False, disturbances=[Short()])
+    act, after = np.zeros(env.action_spec().shape), []
+    for _ in range(2):
+        env.reset()
+        env.step(act)
+        after.append(env.physics.loop.log.record.qd[1].copy())
+    assert same_bits(*after)
+
+
 def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
     def starts(seed):
         env, found = load(seed=seed), []

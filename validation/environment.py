@@ -73,7 +73,7 @@ def load(
         seed: of the instants at which episodes begin. Sensors and faults have seeds of their own in the run.
         random_start: begin at a random instant of the first stride, not always with the walk.
         disturbances: external forces, beside those of the run; their times count from the begin of an
-            episode.
+            episode, which has copies of its own.
         sections: values by section and key, as :func:`ampm.load_run` takes them.
 
     Raises:
@@ -114,7 +114,7 @@ class FollowedWalk(control.Physics, control.Task):
         self.planned, self.physics = planned, Physics(planned.scene, planned.run)
         self.substeps = self.physics.substeps
         self.walk = References(planned.plan, planned.run, self.physics)
-        self._forces = forces_of(planned.run, copied(disturbances), self.walk.total * self.timestep())
+        self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
         robot = planned.body.robot
         scales = {"body_weight": robot.mass * robot.gravity, "foot_length": planned.plan.feet.sole.length}
         limits = [_limits(name, scales) for name in REWARDED]
@@ -130,7 +130,8 @@ class FollowedWalk(control.Physics, control.Task):
         course = Course(self.walk.total - self.first, step_ends, iter(table))
         start = place(self.physics, run, table[0])
         sensing = make_estimator(run, self.planned.body, start)
-        self.loop = ClosedLoop(self.physics, None, course, run, estimator=sensing, disturbances=self._forces)
+        forces = copied(self._forces)
+        self.loop = ClosedLoop(self.physics, None, course, run, estimator=sensing, disturbances=forces)
         self.sensed = self.loop.sense()
 
     def set_control(self, control: Array) -> None:

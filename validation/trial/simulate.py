@@ -17,7 +17,7 @@ import numpy as np
 
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
-from ampm.exceptions import InputError, SolverError
+from ampm.exceptions import InputError, SolverError, words_of
 from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
 from ampm.planners import StandingPlanner
@@ -157,12 +157,18 @@ def forces_of(run: RunParameters, disturbances: Sequence[Disturbance], end: floa
     return forces
 
 
-def copied(disturbances: Sequence[Disturbance]) -> Sequence[Disturbance]:
-    """Copies with which a walk begins, as every other one does; the same where they cannot be copied."""
-    try:
-        return copy.deepcopy(disturbances)
-    except Exception:  # of a user's class, such as one with an open file
-        return disturbances
+def copied(disturbances: Sequence[Disturbance]) -> list[Disturbance]:
+    """Copies with which a walk or an episode begins; raises InputError for one that cannot be copied."""
+    copies, shared = list[Disturbance](), dict[int, Any]()
+    for item in disturbances:
+        try:
+            copies.append(copy.deepcopy(item, shared))
+        except Exception as error:  # of a user's class
+            raise InputError(
+                f"the disturbance {type(item).__qualname__} cannot be copied, and every walk takes a copy "
+                f"({type(error).__name__}: {words_of(error)}); open files and the like in its method apply."
+            ) from error
+    return copies
 
 
 def place(physics: Physics, run: RunParameters, start: Reference) -> State:
