@@ -219,10 +219,19 @@ def test_torques_of_the_own_controller_give_the_same_bits_as_a_walk(sections, di
         assert same_bits(*same), name
 
 
-def test_a_diverged_simulation_ends_the_episode_without_reward():
-    env = load(seed=2)
+def lost(loop):
+    loop.sensors._estimator.filter.x[:] = np.nan
+
+
+def blown(loop):
+    loop.physics.data.qvel[:] = np.inf
+
+
+@pytest.mark.parametrize(("estimator", "spoil"), [("exact", blown), ("kalman", lost)])
+def test_a_diverged_simulation_ends_the_episode_without_reward(estimator, spoil):
+    env = load(seed=2, sensors={"estimator": estimator})
     env.reset()
-    env.physics.loop.physics.data.qvel[:] = np.inf
+    spoil(env.physics.loop)
     step = env.step(np.zeros(env.action_spec().shape))
     assert (step.last(), step.reward, step.discount) == (True, 0.0, 0.0)
     assert env.step(np.zeros(env.action_spec().shape)).first()

@@ -342,6 +342,15 @@ def test_a_known_delay_costs_at_most_half_a_millimetre():
     assert (relative(delay=0.002) > late + np.array([1.0, 0.5])).all()  # the same delay, unknown
 
 
+def test_an_estimate_that_diverges_is_no_fault_of_a_class():
+    outcome = simulated("sensors.estimator=kalman", "sensors.delay=0.05", steps=3).outcome
+    assert (outcome.name, outcome.steps_completed) == ("diverged", 1)
+    assert outcome.ending.startswith(
+        "The numbers of the walk diverged: the estimate of kalman diverged at 0."
+    )
+    assert "; the first sign was a torque or joint limit" in outcome.cause
+
+
 def test_an_estimated_walk_keeps_its_place_relative_to_the_foot_and_with_fixes_in_the_world():
     trial = walked(estimator="kalman", **NOISE)
     assert trial.verdict.profile == "odometry"

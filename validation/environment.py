@@ -34,7 +34,7 @@ from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
-from validation.trial.readings import make_estimator
+from validation.trial.readings import DivergedEstimate, make_estimator
 from validation.trial.references import Course, References
 from validation.trial.simulate import ClosedLoop, copied, forces_of, place
 from validation.trial.users import real_numbers
@@ -147,7 +147,10 @@ class FollowedWalk(control.Physics, control.Task):
         with quiet_mujoco():
             self.end = self.loop.act(ControlOutput(self._torque))
             if self.end is None:
-                self.sensed = self.loop.sense()
+                try:
+                    self.sensed = self.loop.sense()
+                except DivergedEstimate as error:
+                    self.end = self.loop.watch.blown_up(self.time(), str(error))
                 if self.physics.body.warnings.any():
                     self.end = self.loop.watch.blown_up(self.time())
 

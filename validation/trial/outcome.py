@@ -19,7 +19,7 @@ class OutcomeName(StrEnum):
 SENTENCES: Mapping[OutcomeName, str] = {
     OutcomeName.COMPLETED: "The walk lasted to its end.",
     OutcomeName.FELL: "The body fell.",
-    OutcomeName.DIVERGED: "The numbers of the simulation diverged.",
+    OutcomeName.DIVERGED: "The numbers of the walk diverged.",
     OutcomeName.INFEASIBLE: "The controller's QP stayed unsolved.",
     OutcomeName.CRASHED: "A controller, planner, estimator or disturbance failed.",
     OutcomeName.INTERRUPTED: "The run was interrupted.",

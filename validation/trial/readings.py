@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled
+from ampm.exceptions import SolverError
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensor_parameters import WRENCH
@@ -21,6 +22,7 @@ from validation.trial.coordinates import to_pinocchio
 from validation.trial.log import RunLog, StepLog
 from validation.trial.plan import Body
 from validation.trial.users import ESTIMATOR, UsersCode, real_numbers
+from validation.trial.watch import BLOW_UP
 
 _HINGES = 6  # velocities of the free root come first
 _DRAWN = 64  # ticks whose noise is drawn at once
@@ -65,6 +67,10 @@ def read_true(
     elif i:
         for p in range(points.shape[1]):
             values[2 * hinges + 6 + p] += points[i - 1, p, 2]
+
+
+class DivergedEstimate(SolverError):
+    """An estimator of the project has lost the body."""
 
 
 class Sensors:
@@ -197,6 +203,10 @@ class Sensors:
                     pass
                 case _:
                     raise TypeError("it must return a State and a Touch")
+            if (name := self.parameters.estimator) in ESTIMATOR.known and not (
+                np.linalg.norm(state.v[:3]) <= BLOW_UP and math.isfinite(state.q.sum() + state.v.sum())
+            ):
+                raise DivergedEstimate(f"the estimate of {name} diverged")
             _check(state, touch, self._robot)
         return state, touch
 

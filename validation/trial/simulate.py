@@ -32,7 +32,7 @@ from validation.trial.log import RunLog, act, end_step, sense
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
-from validation.trial.readings import Sensors, make_estimator
+from validation.trial.readings import DivergedEstimate, Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
 from validation.trial.references import Course, References
 from validation.trial.scene import surfaces
@@ -264,6 +264,8 @@ class ClosedLoop:
                     end = self.act(output)
             if progress is not None:
                 progress(self.done, max(self.done, course.total))
+        except DivergedEstimate as error:
+            end = self.watch.blown_up(self.done * self.physics.time_step, str(error))
         except SolverError as error:
             refused = self.done * self.physics.time_step
             cause = f"the solver refused the QP at {refused:.3f} s: {error}"

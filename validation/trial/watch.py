@@ -172,9 +172,9 @@ class Watch:
         unsolved = f"the QP stayed unsolved from {since:.3f} to {time:.3f} s"
         return self._end(time, OutcomeName.INFEASIBLE, unsolved)
 
-    def blown_up(self, time: float) -> Outcome:
-        """The end of a walk whose accelerations the simulator refused to integrate."""
-        return self._end(time, OutcomeName.DIVERGED, f"the accelerations left all bounds at {time:.3f} s")
+    def blown_up(self, time: float, what: str = "the accelerations left all bounds") -> Outcome:
+        """The end of a walk whose accelerations the simulator refused to integrate, or of another failure."""
+        return self._end(time, OutcomeName.DIVERGED, f"{what} at {time:.3f} s")
 
     def _end(self, time: float, name: OutcomeName, what: str) -> Outcome:
         """An end, with its first sign; the steps until then are not known here."""
