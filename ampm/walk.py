@@ -244,15 +244,16 @@ class Controller(Protocol):
 
     One that has the method ``follow(plan, timing)`` gets the :class:`WalkPlan` and the :class:`Timing` of its
     references before the first tick, and every new plan of a :class:`Replanner` before the tick from which
-    it holds.
+    it holds. An attribute ``acceleration`` goes to the estimator: accelerations of all coordinates that it
+    commanded at the last tick, shape (nv,) [m/s^2, rad/s^2], or None.
     """
 
     def update(self, state: State, touch: Touch, reference: Reference) -> ControlOutput:
         """One tick.
 
         Args:
-            state: the measured state.
-            touch: what the soles sense; the next tick overwrites its arrays and those of the state.
+            state: the measured state; its arrays and those of the touch are the controller's own.
+            touch: what the soles sense.
             reference: what is planned at this instant.
         """
         ...

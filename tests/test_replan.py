@@ -1,5 +1,6 @@
 """Planners that go on planning while their plan is walked."""
 
+import math
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ampm import BodilyRefusal, FootstepPlanner, InputError, PeriodicPlanner, load_run
+from ampm import BodilyRefusal, FootstepPlanner, InputError, PeriodicPlanner, TrackingController, load_run
 from ampm.planner.routes import as_rows, straight
 from tests.records import same_bits
 from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
@@ -178,6 +179,30 @@ def test_footsteps_of_the_run_bind_later_plans(rows, scale, words):
     assert record.outcome.name is (OutcomeName.CRASHED if words else OutcomeName.COMPLETED)
     assert re.search(words, record.outcome.cause), record.outcome.cause
     assert words or record.outcome.steps_completed == rows - 2
+
+
+class Untidy(TrackingController):
+    """Writes into what it got and has used."""
+
+    def update(self, state, touch, reference):
+        output = super().update(state, touch, reference)
+        for values in (state.q, state.v, touch.normal_force):
+            values[:] = math.nan
+        return output
+
+
+def test_a_planner_and_an_estimator_get_what_was_sensed_whatever_a_controller_writes():
+    found: list = []
+
+    class Look(Replanning):
+        def replan(self, time, state, touch, plan):
+            found.extend((state.q.copy(), state.v.copy(), touch.normal_force.copy()))
+
+    for estimator in ("exact", "tests.test_sensors:Untidy"):
+        setting, look = f"sensors.estimator={estimator}", Look(None)
+        walked = [simulated(setting, planner=look, controller=one, steps=1) for one in (None, Untidy)]
+        assert_same(*walked)
+    assert np.isfinite(np.hstack(found)).all()
 
 
 def test_a_planner_cannot_change_the_run():

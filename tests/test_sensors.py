@@ -55,6 +55,17 @@ class Odd(Naive):
         return state, None if self.lost else touch._replace(**self.touch)
 
 
+class Untidy(Kalman):
+    """Ours, which writes into what it got and has used."""
+
+    def update(self, readings, commanded):
+        estimated = super().update(readings, commanded)
+        for values in (readings.angles, readings.force, commanded):
+            if values is not None:
+                values[:] = 0.0
+        return estimated
+
+
 class Mine(Kalman):
     """Ours, which is kept with what it was told."""
 
@@ -397,6 +408,11 @@ def test_ones_own_estimator_walks_and_does_not_know_the_seed():
     assert known.sensors.estimator == "tests.test_sensors:Mine"
     fell = simulated("sensors.estimator=tests.test_sensors:Naive")
     assert not fell.outcome.completed
+
+
+def test_what_an_estimator_writes_into_does_not_reach_the_controller():
+    walked = [simulated(f"sensors.estimator={name}") for name in ("kalman", "tests.test_sensors:Untidy")]
+    assert first_difference(*walked) is None
 
 
 def sent(**options):

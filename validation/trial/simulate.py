@@ -238,6 +238,7 @@ class ClosedLoop:
         self.watch = Watch(self.log.stance, run.controller.unsolved_limit, robot.description.scale, planned)
         self._touch = Touch(self.log.touching, self.log.normal_force, physics.time_step)
         self.sensors = None if run.sensors.perfect else Sensors(run, self.log, estimator)
+        self._estimates = estimator is not None
         self._bind()
 
     def _bind(self) -> None:
@@ -298,11 +299,21 @@ class ClosedLoop:
         self._planned = reference.row  # of which a user's controller may change nothing
         if self.sensors is None:
             body = physics.body
-            self._sensed = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
+            state, touch = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
+            state, touch = self.sensors.update(k, self._commanded() if self._estimates else None)
+        self._sensed = state, touch  # of which the controller gets copies
+        touch = Touch(np.array(touch.contact), np.array(touch.normal_force), touch.age, touch.threshold)
+        return State(state.time, np.array(state.q), np.array(state.v), state.velocity_lag), touch, reference
+
+    def _commanded(self) -> Array | None:
+        """Accelerations that the controller says it commanded at the last tick, for the estimator."""
+        with self.users_code:
             commanded = getattr(self.controller, "acceleration", None)
-            self._sensed = self.sensors.update(k, commanded)
-        return *self._sensed, reference
+            if commanded is None:
+                return None
+            name, shape = "'acceleration', which the estimator reads,", (self.physics.robot.nv,)
+            return real_numbers(name, commanded, shape, finite=True).astype(np.float64)
 
     def act(self, output: ControlOutput) -> Outcome | None:
         """Let the output of a tick act until the next one is due; whether the walk is over."""
