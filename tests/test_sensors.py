@@ -45,13 +45,15 @@ class Naive:
 class Odd(Naive):
     """Gives a state or a touch that no controller can use, or none."""
 
-    def __init__(self, robot, run, start, factor=1.0, velocities=None, lost=False, **touch):
+    def __init__(self, robot, run, start, factor=1.0, velocities=None, lost=False, late=0.0, **touch):
         super().__init__(robot, run, start)
         self.factor, self.velocities, self.lost, self.touch = factor, velocities, lost, touch
+        self.late = late
 
     def update(self, readings, commanded):
         state, touch = super().update(readings, commanded)
-        state = state._replace(q=self.factor * state.q, v=state.v[: self.velocities])
+        q, v = self.factor * state.q, state.v[: self.velocities]
+        state = State(state.time - self.late, q, v)
         return state, None if self.lost else touch._replace(**self.touch)
 
 

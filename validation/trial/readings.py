@@ -207,7 +207,7 @@ class Sensors:
                 np.linalg.norm(state.v[:3]) <= BLOW_UP and math.isfinite(state.q.sum() + state.v.sum())
             ):
                 raise DivergedEstimate(f"the estimate of {name} diverged")
-            _check(state, touch, self._robot)
+            _check(state, touch, self._robot, readings)
         return state, touch
 
     def _state(self, k: int, readings: Readings) -> tuple[State, Touch]:
@@ -222,7 +222,7 @@ class Sensors:
         return State(readings.time, q, v, 0.5 * self._time_step), touch
 
 
-def _check(state: State, touch: Touch, robot: Robot) -> None:
+def _check(state: State, touch: Touch, robot: Robot, readings: Readings) -> None:
     """Refuse what no controller can use, with the name of its field."""
     shapes = {"q": (robot.nq,), "v": (robot.nv,)}
     shapes |= dict.fromkeys(("contact", "normal_force"), robot.point_group.shape)
@@ -234,6 +234,10 @@ def _check(state: State, touch: Touch, robot: Robot) -> None:
         raise ValueError(f"'q' of its state has a quaternion of norm {1.0 + norm:.3g} and not 1")
     if touch.threshold < 0.0:
         raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
+    if min(state.velocity_lag, touch.age) < 0.0:
+        raise ValueError("'velocity_lag' of its state or 'age' of its touch is below 0 s")
+    if not readings.time - readings.age - 1e-6 <= state.time <= readings.time + 1e-6:
+        raise ValueError(f"'time' of its state is {state.time:g} s, and that of the tick {readings.time:g} s")
 
 
 def make_estimator(run: RunParameters, body: Body, start: State) -> Estimator | None:
