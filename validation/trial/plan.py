@@ -303,7 +303,7 @@ def plan_walk(
         if not isinstance(plan, WalkPlan):
             raise TypeError(f"it made {users.planner_problem(plan)}")
         if not checked:
-            check_plan(plan, run, body.robot.nq, body.robot.nv)
+            check_plan(plan, run, body.robot)
             is_table = type(planner) is TablePlanner
             if problem := check_steps(plan, run, is_table=is_table, goes_on=replanner is not None):
                 note = f"The planner {name} plans {problem}."

@@ -8,7 +8,9 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from ampm.body.robot import Robot
 from ampm.exceptions import RefusedGait
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Contacts
@@ -24,6 +26,7 @@ FOOTSTEP_TOLERANCE, ASIDE = 1e-3, 0.2
 # Shares by which a planner's steps may differ from the gait's without a word; those of lipm are 12 % longer.
 _SAME_LENGTH, _SAME_DURATION = 0.05, 0.15
 _SAME_HEADING, _SAME_TIME = 0.2, 0.1  # most difference of a footstep's heading and landing [rad, s]
+_UNIT, _COM_OFF = 1e-6, 5e-3  # largest errors of its posture's quaternion and COM at 0 s [1, m]
 _LONGEST = 1.5  # most time of a planner's walk over that of the run's durations [1]
 
 
@@ -143,13 +146,22 @@ def check_judged(plan: WalkPlan) -> None:
         raise ValueError("its plan has a command or a judged_from of its own, or contacts of another class")
 
 
-def check_plan(plan: WalkPlan, run: RunParameters, nq: int, nv: int) -> None:
-    """Refuse a plan that does not fit its floor, or sizes of q and v, or contradicts its contacts."""
+def check_plan(plan: WalkPlan, run: RunParameters, robot: Robot) -> None:
+    """Refuse a plan whose posture does not fit body or COM, or that does not fit its floor or contacts."""
     check_judged(plan)
     state = plan.table([0.0])[0]
-    shapes = {"q": (nq,), "v": (nv,), "acceleration": (nv,), "trunk": (3, 3)}
+    shapes = {"q": (robot.nq,), "v": (robot.nv,), "acceleration": (robot.nv,), "trunk": (3, 3)}
     for name, shape in shapes.items():
         real_numbers(f"'{name}' of its posture at 0 s", getattr(state, name), shape, finite=True)
+    q = np.asarray(state.q, np.float64)
+    norm, com = np.linalg.norm(q[3:7]), pin.centerOfMass(robot.model, robot.model.createData(), q)
+    if abs(norm - 1.0) > _UNIT:
+        raise ValueError(f"'q' of its posture at 0 s has a quaternion of norm {norm:.8g}, not 1 to {_UNIT:g}")
+    if (off := np.linalg.norm(com - state.com)) > _COM_OFF:
+        raise ValueError(
+            f"'q' of its posture at 0 s has a COM {off * 1e3:.3g} mm off its plan's, more than "
+            f"{_COM_OFF * 1e3:g} mm; q is place [m], quaternion (x, y, z, w), joints [rad]"
+        )
     check_contacts(plan)
     for key, slope, floor in zip(("slope", "cross_slope"), plan.contacts.slope, run.gait.slopes, strict=True):
         if slope != floor:
