@@ -271,6 +271,19 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
     assert starts(5) == starts(5) != starts(6)
 
 
+@pytest.mark.parametrize(("random_start", "many"), [(True, 3), (False, 1)])
+def test_sensors_have_other_errors_in_every_episode_that_begins_at_random(random_start, many):
+    seeds = []
+    for _ in range(2):
+        env = load(seed=5, random_start=random_start, sensors={"rate_noise": 0.01, "seed": 7})
+        for _ in range(3):
+            env.reset()
+            seeds.append(env.physics.loop.sensors.parameters.seed)
+    assert seeds[:3] == seeds[3:]
+    assert len({*seeds}) == many
+    assert (7 in seeds) != random_start
+
+
 class Springs:
     """The law of the toy policy."""
 

@@ -70,8 +70,9 @@ def load(
 
     Args:
         source: parameters, or a preset or TOML file; `normal` by default, or the own gait of another body.
-        seed: of the instants at which episodes begin. Sensors and faults have seeds of their own in the run.
-        random_start: begin at a random instant of the first stride, not always with the walk.
+        seed: of the episodes: of the instants at which they begin, and of sensors and faults.
+        random_start: begin at a random instant of the first stride; else always with the walk, and with the
+            seeds of the run.
         disturbances: external forces, beside those of the run; their times count from the begin of an
             episode, which has copies of its own.
         sections: values by section and key, as :func:`ampm.load_run` takes them.
@@ -101,7 +102,7 @@ class FollowedWalk(control.Physics, control.Task):
         disturbances: external forces.
 
     Attributes:
-        random: draws the instants at which episodes begin; None begins all with the walk.
+        random: draws begin and seeds of an episode; None begins all with the walk, and the run's seeds.
         loop: of this episode.
         first: step of the whole walk at which it began.
         sensed: what a controller gets at this tick.
@@ -119,11 +120,11 @@ class FollowedWalk(control.Physics, control.Task):
         scales = {"body_weight": robot.mass * robot.gravity, "foot_length": planned.plan.feet.sole.length}
         limits = [_limits(name, scales) for name in REWARDED]
         self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
-        self.begin(0)
+        self.begin(0, planned.run)
 
-    def begin(self, tick: int) -> None:
-        """Begin an episode at a tick of the walk."""
-        run, table = self.planned.run, self.walk.table[tick:]
+    def begin(self, tick: int, run: RunParameters) -> None:
+        """Begin an episode at a tick of the walk, with the seeds of a run."""
+        table = self.walk.table[tick:]
         self.first = tick * self.substeps
         self.end: Outcome | None = None
         step_ends = self.walk.step_ends - self.first * self.timestep()
@@ -173,11 +174,12 @@ class FollowedWalk(control.Physics, control.Task):
 
     def initialize_episode(self, physics: "FollowedWalk") -> None:
         """Place the body on the plan."""
-        start, times = 0.0, self.walk.table.row["time"]
+        start, run, times = 0.0, self.planned.run, self.walk.table.row["time"]
         if self.random is not None:
             until = min(2.0 * self.planned.plan.constants.step_duration, 0.5 * times[-1])
             start = self.random.uniform(0.0, np.searchsorted(times, until))
-        self.begin(int(start))
+            run = run.replace(dict.fromkeys(("sensors.seed", "disturbance.seed"), self.random.randint(2**31)))
+        self.begin(int(start), run)
 
     def before_step(self, action: Array, physics: "FollowedWalk") -> None:
         """Set the torques."""
