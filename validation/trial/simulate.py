@@ -301,19 +301,15 @@ class ClosedLoop:
             body = physics.body
             state, touch = State(k * physics.time_step, body.q, body.v, 0.5 * body.time_step), self._touch
         else:
-            state, touch = self.sensors.update(k, self._commanded() if self._estimates else None)
+            with self.users_code:
+                commanded = getattr(self.controller, "acceleration", None) if self._estimates else None
+                if commanded is not None:
+                    name, shape = "'acceleration', which the estimator reads,", (physics.robot.nv,)
+                    commanded = real_numbers(name, commanded, shape, finite=True).astype(np.float64)
+            state, touch = self.sensors.update(k, commanded)
         self._sensed = state, touch  # of which the controller gets copies
         touch = Touch(np.array(touch.contact), np.array(touch.normal_force), touch.age, touch.threshold)
         return State(state.time, np.array(state.q), np.array(state.v), state.velocity_lag), touch, reference
-
-    def _commanded(self) -> Array | None:
-        """Accelerations that the controller says it commanded at the last tick, for the estimator."""
-        with self.users_code:
-            commanded = getattr(self.controller, "acceleration", None)
-            if commanded is None:
-                return None
-            name, shape = "'acceleration', which the estimator reads,", (self.physics.robot.nv,)
-            return real_numbers(name, commanded, shape, finite=True).astype(np.float64)
 
     def act(self, output: ControlOutput) -> Outcome | None:
         """Let the output of a tick act until the next one is due; whether the walk is over."""

@@ -66,11 +66,8 @@ class UsersCode:
             return
         kept = (UsersError, SolverError) if self.walking else AmpmError
         name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
-        if (
-            isinstance(error, RefusedGait | InputError)
-            and not self.walking
-            and not isinstance(error, UsersError)
-        ):
+        refusal = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
+        if refusal and not self.walking:
             error.add_note(f"so says the {self.what} {name}")
         if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
