@@ -25,7 +25,6 @@ from validation.show.viewer import viewer_command
 from validation.store.record import load_record
 from validation.trial.files import RunFile
 from validation.trial.plan import Request, plan_walk
-from validation.trial.users import UsersCode, UsersError
 
 
 def test_plan_json_has_the_contract(ampm):
@@ -270,15 +269,6 @@ def test_ctrl_c_keeps_what_was_walked(tmp_path):
     assert (summary["outcome"], summary["verdict"]) == ("interrupted", "not_measured")
     assert load_record(out).steps in (500, 501)
     assert call(["replay", str(out)]) == Status.PASS
-
-
-def test_an_error_without_words_is_told():
-    class Silent(Exception):
-        def __str__(self):
-            raise RuntimeError
-
-    with pytest.raises(UsersError, match=r"the controller .*Silent failed"), UsersCode("controller", Silent):
-        raise Silent
 
 
 def test_a_planner_of_a_user_does_not_get_the_name_of_ours():

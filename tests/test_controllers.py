@@ -20,6 +20,7 @@ from docs.examples.joint_pd import JointPD
 from tests.records import same_bits
 from tests.solved import QUICK
 from tests.test_bad_input import assert_said, rows_of
+from tests.test_disturbances import Once
 from validation import Push, environment
 from validation.store.record import load_record
 from validation.trial import users
@@ -219,15 +220,13 @@ def test_torques_of_the_own_controller_give_the_same_bits_as_a_walk(sections, di
         assert same_bits(*same), name
 
 
-def lost(loop):
-    loop.sensors._estimator.filter.x[:] = np.nan
-
-
-def blown(loop):
-    loop.physics.data.qvel[:] = np.inf
-
-
-@pytest.mark.parametrize(("estimator", "spoil"), [("exact", blown), ("kalman", lost)])
+@pytest.mark.parametrize(
+    ("estimator", "spoil"),
+    [
+        ("exact", lambda loop: loop.physics.data.qvel.fill(np.inf)),
+        ("kalman", lambda loop: loop.sensors._estimator.filter.x.fill(np.nan)),
+    ],
+)
 def test_a_diverged_simulation_ends_the_episode_without_reward(estimator, spoil):
     env = load(seed=2, sensors={"estimator": estimator})
     env.reset()
@@ -237,19 +236,8 @@ def test_a_diverged_simulation_ends_the_episode_without_reward(estimator, spoil)
     assert env.step(np.zeros(env.action_spec().shape)).first()
 
 
-class Short:
-    """Pushes in its first steps."""
-
-    left = 3
-
-    def apply(self, time, plant):
-        self.left -= 1
-        if self.left >= 0:
-            plant.push("chest", (0.0, 400.0, 0.0))
-
-
 def test_every_episode_begins_with_a_disturbance_as_it_was_given():
-    env = load(random_start=False, disturbances=[Short()])
+    env = load(random_start=False, disturbances=[Once()])
     act, after = np.zeros(env.action_spec().shape), []
     for _ in range(2):
         env.reset()

@@ -95,18 +95,6 @@ def test_a_plan_begins_on_the_way_with_a_com_that_jumped(walk):
         np.testing.assert_allclose(bend[7:], state.acceleration[0, 6:], atol=1.0)
 
 
-def test_feet_on_the_wrong_sides_are_named(walk):
-    samples = samples_of(walk)
-    samples |= {name: samples[name] * [1.0, -1.0, 1.0][: samples[name].shape[1]] for name in ("com", "zmp")}
-    feet = [
-        ampm.Footstep(step.foot, step.position * np.array([1.0, -1.0, 1.0]))
-        for step in walk.contacts.footsteps
-    ]
-    del samples["com_acceleration"]
-    with pytest.raises(ampm.InputError, match="the left foot is to the right of the right one; exchange"):
-        made(samples, contacts=in_turn(feet, walk.contacts.switches))
-
-
 def test_a_plan_may_be_made_anew_at_its_first_instant(walk):
     found, times = made(samples_of(walk, 0.0), contacts=walk.contacts, after=walk), [0.0, 0.3, NOW]
     for now, before in zip(found.feet.sample(times), walk.feet.sample(times), strict=True):

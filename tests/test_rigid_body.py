@@ -1,13 +1,12 @@
-"""Steps of a configuration, linear systems, refused bodies; test_tick holds the rest to Pinocchio."""
+"""Steps of a configuration and linear systems; test_tick holds the rest to Pinocchio."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from ampm.body.articulated import respond
-from ampm.body.rigid_body import RigidBody, moved
+from ampm.body.rigid_body import moved
 from ampm.body.robot import Robot
-from ampm.exceptions import InputError
 from ampm.linear import substitute, triangular
 from tests.solved import walk_of
 
@@ -29,14 +28,6 @@ def test_symmetric_systems_are_solved_and_others_refused():
     np.testing.assert_allclose(system[:, 7:], np.linalg.solve(matrix, right), rtol=0.0, atol=1e-12)
     for wrong in (-np.eye(2), np.ones((2, 2)), np.full((2, 2), np.nan)):
         assert not triangular(np.hstack([wrong, np.ones((2, 1))]))
-
-
-def test_other_joints_are_refused():
-    model = pin.Model()
-    for kind in (pin.JointModelFreeFlyer(), pin.JointModelPX()):
-        model.addJoint(model.njoints - 1, kind, pin.SE3.Identity(), f"joint {model.njoints}")
-    with pytest.raises(InputError, match=r"joint 2.*free root"):
-        RigidBody(model, [], 0, np.arange(0))
 
 
 @pytest.fixture(scope="module")

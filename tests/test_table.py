@@ -128,15 +128,6 @@ def test_a_file_is_walked_as_the_plan_that_wrote_it(tmp_path, slope, across):
     assert offsets[0] == pytest.approx(offsets[1], abs=0.01)
 
 
-def test_steps_that_repeat_about_another_line_than_y_0_are_refused():
-    """They were walked with a constant posture, and failed by it."""
-    table = table_of(planned())
-    places = "com", "zmp", "left_placement", "right_placement"
-    moved = {f"{name}_y": table[f"{name}_y"] + 0.3 for name in places}
-    with pytest.raises(ampm.InputError, match=r"repeat about y = 0\.3 m, not about 0; subtract it"):
-        repeats(read(table | moved))
-
-
 def test_steps_that_do_not_repeat_are_walked_with_a_constant_posture():
     """The COM begins 5 mm off and comes back as a pendulum does; the ZMP is that of the plan."""
     plan = planned()
