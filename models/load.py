@@ -67,8 +67,6 @@ class Writer:
         self._find_legs()
         self._find_arms()
 
-    # ----------------------------------------------------------------------------------------------- roles
-
     def _path(self, segment: int) -> list[int]:
         """Hinges from the root to a segment."""
         if segment < 0:
@@ -227,8 +225,6 @@ class Writer:
         else:
             return sole
         raise InputError(wrong, key="body.sole")
-
-    # ---------------------------------------------------------------------------------------------- result
 
     def write(self, run: RunParameters) -> BodyModel:
         """MJCF, with contact and simulation of a run, and description."""

@@ -30,9 +30,6 @@ _walks: dict[bytes, Trial] = {}
 """Trials of this process by their pickled inputs, as the objects among them may change."""
 
 
-# ------------------------------------------------------------------------------------------- hooks
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Save the walks of a failed test, and show where."""
@@ -42,9 +39,6 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
         report.sections.append(("AMPM runs", "\n".join(_saved(item, trials))))
         trials.clear()  # a failure of the teardown needs no second copy
     return report
-
-
-# ---------------------------------------------------------------------------------------- fixtures
 
 
 @pytest.fixture
@@ -84,9 +78,6 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
             pytest.fail("\n".join(wrong), pytrace=False)
 
     return check
-
-
-# ------------------------------------------------------------------------------------ walks of a process
 
 
 def walk_once(

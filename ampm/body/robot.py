@@ -116,8 +116,6 @@ class Robot:
                 if isinstance(array, np.ndarray):
                     array.setflags(write=False)
 
-    # ------------------------------------------------------------------ names
-
     def _frame(self, name: str) -> int:
         if not self.model.existFrame(name):
             raise InputError(
@@ -160,8 +158,6 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Hinges in velocity order."""
         return tuple(self.model.names[2:])
-
-    # ----------------------------------------------------------------- mirror
 
     def _mirror_map(self) -> tuple[NDArray[np.intp], Array]:
         index, sign = np.zeros(self.nu, dtype=np.intp), np.zeros(self.nu)
@@ -210,8 +206,6 @@ class Robot:
         out[..., [1, 3, 5]] *= -1.0
         out[..., 6:] = self.mirror_joints(v[..., 6:])
         return out
-
-    # ------------------------------------------------------------------ terms
 
     @cached_property
     def rigid_body(self) -> RigidBody:

@@ -138,8 +138,6 @@ class TrackingController:
             Reference(self._row[0]) if work.stepping["off_plan"][0] else None,
         )
 
-    # ------------------------------------------------------------------ the QP has no or no good solution
-
     def _last_iterate(self, solution: QPSolution) -> Array:
         """Contact forces of an unsolved QP, shape (U,) [m g]; those of the last tick if it is infeasible.
 

@@ -84,9 +84,6 @@ def finish_tick(work: Workspace, still: bool, first: bool) -> bool:
     return True
 
 
-# ------------------------------------------------------------------------------ before the QP
-
-
 @compiled
 def update_kinematics(work: Workspace, velocity_lag: float) -> None:
     """Write places, task Jacobian B' and rates B v, drift and COM of the measured state.
@@ -187,9 +184,6 @@ def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
         land(work.gains, body.points, weight, contact, since, gain)
     right_load = work.wanted.right_load[0]
     fill_qp(body.points, contact, tasks.system, right_load, work.gains, work.problem)
-
-
-# ------------------------------------------------------------------------------ after the QP
 
 
 @compiled

@@ -88,9 +88,6 @@ def _repeated(steps: StepPlan, times: Array, motions: Sequence[Array]) -> StepPl
     return replace(plan, constants=plan_constants(plan), switching_velocity=float(switch.com_velocity[0, 0]))
 
 
-# -------------------------------------------------------------------------------------------------- IPM
-
-
 def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
     """The plain inverted pendulum; its speed at the switches is that which gives the gait's durations.
 
@@ -111,9 +108,6 @@ def ipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: Sol
 def lipm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
     """The plain inverted pendulum in closed form, with the gait's speed at the switches."""
     return plan_steps(gait.model_copy(update={"planner": LIPM}), mass, foot, sole)
-
-
-# -------------------------------------------------------------------------------------------------- DCM
 
 
 def dcm_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:
@@ -169,9 +163,6 @@ def _dcm_step(steps: StepPlan, axis: _Axis, in_single: Array, in_double: Array) 
     decaying = np.linalg.solve(fade, np.array(gaps))
     walked = motion(in_single, moving, grows, decaying[0]), motion(in_double, zmp, 0.0, decaying[1])
     return np.hstack(walked)
-
-
-# ---------------------------------------------------------------------------------------------- preview
 
 
 def preview_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: SoleGeometry) -> StepPlan:

@@ -108,8 +108,6 @@ class StepTracker:
             self._clock[0] = time - self._starts[self._index]
         return self._handle
 
-    # ------------------------------------------------------------------ parts
-
     def _source(self, index: int) -> tuple[int, Array]:
         """Phase of the plan that phase ``index`` repeats, and the way from there, shape (3,) [m].
 

@@ -147,8 +147,6 @@ class FreeChoices:
             idle.add("foot.heel_strike_rate")
         return {key: run.value(key) for key in OPEN_KEYS if key not in self.fixed | idle}
 
-    # -------------------------------------------------------------- parameters
-
     def parameters(self, choice: Mapping[str, float]) -> RunParameters:
         """The run with these choices; raises RefusedGait if the formula has no solution for them."""
         h, ball = self.description.height, self.sole.ball_x
@@ -225,8 +223,6 @@ class FreeChoices:
     def _set_or(self, key: str, value: float) -> float:
         """The value of a key that is set, or else the one that was chosen."""
         return float(self.run.value(key)) if key in self.fixed else value
-
-    # ------------------------------------------------------------------- guess
 
     def guess(self) -> dict[str, float]:
         """Choices by closed-form rules, scaled with stature and step.

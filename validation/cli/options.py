@@ -123,9 +123,6 @@ def read_mapping(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-# ------------------------------------------------------------------------------------- groups of options
-
-
 @dataclass(frozen=True)
 class WalkOptions:
     """What walks: changes of a gait, its body, planner, controller and engine."""

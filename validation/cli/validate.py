@@ -190,9 +190,6 @@ def report(
     return Status.PASS
 
 
-# ------------------------------------------------------------------------------------- a trial for a reader
-
-
 def print_result(
     summary: Mapping[str, Any], folder: Path, *, wrote: bool = True, metrics: Sequence[str] = ()
 ) -> None:

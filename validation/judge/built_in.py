@@ -28,9 +28,6 @@ def _distances(one: Array, other: Array, walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm((one - other)[walk.inside], axis=1))
 
 
-# ------------------------------------------------------------------------------------------------- the walk
-
-
 def _slip(walk: Comparison) -> float | None:
     """Largest slip in the window [m]; None where none was measured, as in a log without it."""
     slip = walk.measured.slip
@@ -75,9 +72,6 @@ def _drift(walk: Comparison) -> float | None:
     if not (len(second) and len(last)):
         return None
     return float(np.linalg.norm(last.mean(axis=0) - second.mean(axis=0))) / (len(ends) - 2)
-
-
-# -------------------------------------------------------------------------------------------- the instrument
 
 
 def _zmp_gaps(walk: Comparison) -> Array:

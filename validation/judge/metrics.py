@@ -124,9 +124,6 @@ def size_in_si(unit: str, scales: Mapping[str, Any]) -> Any:
     return {BODY_WEIGHT: weight, FOOT_LENGTH: foot, FOOT_MOMENTUM: momentum}.get(unit, 1.0)
 
 
-# -------------------------------------------------------------------------------------------- the registry
-
-
 _ADDED: dict[str, Metric] = {}
 _BUILT_IN: dict[str, Metric] = {}
 METRICS: Mapping[str, Metric] = MappingProxyType(ChainMap(_ADDED, _BUILT_IN))
@@ -209,9 +206,6 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
             "its 'compute', and walk the gait again."
         )
         return math.nan
-
-
-# ------------------------------------------------------------------------------------------- built-in metrics
 
 
 def _built_in() -> dict[str, Metric]:

@@ -164,8 +164,6 @@ class _Plant:
         added = self.plant.RegisterCollisionGeometry(segment, place, shape, f"geom {g}", material)
         self.geoms[added] = g
 
-    # ------------------------------------------------------------------------------------------ a step
-
     def place(self, data: mujoco.MjData) -> None:
         """Set the state."""
         x = self._state

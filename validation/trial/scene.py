@@ -87,9 +87,6 @@ def _change_masses(root: ElementTree.Element, body: BodyModel, wanted: Disturban
                 _scale(inertial, key, 1.0 + wanted.mass_change, all_of_it=True)
 
 
-# ------------------------------------------------------------------------------------------------- the floor
-
-
 def _change_floor(root: ElementTree.Element, body: BodyModel, run: RunParameters, contacts: Contacts) -> None:
     """Move the plane, or replace it by boxes where the floor has edges."""
     wanted, world = run.disturbance, next(root.iter("worldbody"))
