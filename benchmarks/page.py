@@ -25,8 +25,7 @@ def conditions(title: str, load: float) -> str:
 
 def write_page(mark: str, text: str) -> None:
     """Replace what stands between the marks of a name on the page; ValueError if it has none."""
-    changed = replace_between(PAGE.read_text(encoding="utf-8"), mark, f"\n{text}\n")
-    PAGE.write_text(changed, encoding="utf-8")
+    PAGE.write_text(replace_between(PAGE.read_text(encoding="utf-8"), mark, f"\n{text}\n"), encoding="utf-8")
 
 
 def replace_between(page: str, name: str, text: str) -> str:

@@ -147,8 +147,7 @@ class Writer:
         along = float((upper - lower) @ axis)
         upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
         angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
-        length = math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
-        return angle, length
+        return angle, math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
 
     def _names_of(self, joints: Sequence[int]) -> tuple[str, ...]:
         return tuple(self.hinges[k] for k in joints)
@@ -410,6 +409,5 @@ def build_body(run: RunParameters) -> BodyModel:
         return build_human(run)
     path = body_path(run.body.source)
     file = read_body_file(path)
-    source = source_path(file.source, path.parent)
-    model, speeds = compiled_source(source, balance=file.balance_inertia)
+    model, speeds = compiled_source(source_path(file.source, path.parent), balance=file.balance_inertia)
     return Writer(Tree(file, model, speeds)).write(run)

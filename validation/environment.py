@@ -129,8 +129,7 @@ class FollowedWalk(control.Physics, control.Task):
         self.end: Outcome | None = None
         step_ends = self.walk.step_ends - self.first * self.timestep()
         course = Course(self.walk.total - self.first, step_ends, iter(table))
-        start = place(self.physics, run, table[0])
-        sensing = make_estimator(run, self.planned.body, start)
+        sensing = make_estimator(run, self.planned.body, place(self.physics, run, table[0]))
         forces = copied(self._forces)
         self.loop = ClosedLoop(self.physics, None, course, run, estimator=sensing, disturbances=forces)
         self.sensed = self.loop.sense()
@@ -213,8 +212,7 @@ class FollowedWalk(control.Physics, control.Task):
         """0 after a fall, 1 at the last tick of the plan."""
         if self.end is not None:
             return 0.0
-        last = self.loop.done + self.substeps >= self.loop.course.total
-        return 1.0 if last else None
+        return 1.0 if self.loop.done + self.substeps >= self.loop.course.total else None
 
 
 def _limits(signal: str, scales: Mapping[str, float]) -> tuple[float, float]:

@@ -114,8 +114,7 @@ def walk_once(
     named = {key: text for key, text in given.items() if isinstance(text, str)}
     files = [Path(text) for text in named.values()]
     try:
-        classes = own_classes(run.replace(named))
-        key = pickled((name, run, run.given, options, added_metrics(), classes))
+        key = pickled((name, run, run.given, options, added_metrics(), own_classes(run.replace(named))))
         key += identity([run, files]).encode()
     except Exception:  # of the user's objects
         return walk(run, name=name, **options)

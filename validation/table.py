@@ -208,8 +208,7 @@ class Tabled(Brief):
 
 def own_rows(name: str) -> list[dict[str, str]]:
     """Rows of a CSV file of this package, by its path in it."""
-    text = files("validation").joinpath(name).read_text("utf-8")
-    return list(csv.DictReader(text.splitlines()))
+    return list(csv.DictReader(files("validation").joinpath(name).read_text("utf-8").splitlines()))
 
 
 def is_heading(row: Sequence[str]) -> bool:

@@ -105,8 +105,7 @@ def turned(q: Array, angle: float) -> Array:
     """A configuration turned about the vertical through the origin by an angle [rad]."""
     q, c, s = q.copy(), math.cos(angle), math.sin(angle)
     q[0], q[1] = c * q[0] - s * q[1], s * q[0] + c * q[1]
-    turn = pin.Quaternion(pin.utils.rotate("z", angle)) * pin.Quaternion(*q[[6, 3, 4, 5]])
-    q[3:7] = turn.coeffs()
+    q[3:7] = (pin.Quaternion(pin.utils.rotate("z", angle)) * pin.Quaternion(*q[[6, 3, 4, 5]])).coeffs()
     return q
 
 

@@ -45,8 +45,7 @@ class TrackingController:
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         self.robot, gains, solver = robot, run.controller, run.solver
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
-        lines = robot.point_group.reshape(len(robot.sole_frames), -1)
-        self.contact_qp = ContactQP(settings, gains, lines)
+        self.contact_qp = ContactQP(settings, gains, robot.point_group.reshape(len(robot.sole_frames), -1))
         weights = robot.by_group(POSTURE_WEIGHTS)
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
         self.workspace = work = make_workspace(robot, gains, weights, self._row, self.contact_qp.problem)

@@ -299,8 +299,7 @@ class CentroidalPlan(Brief):
             raise InputError(f"the angular momentum offset is {offset}; give a finite number [N m s].")
         if offset == self.constants.angular_momentum_y_offset:
             return self
-        constants = replace(self.constants, angular_momentum_y_offset=float(offset))
-        return replace(self, constants=constants)
+        return replace(self, constants=replace(self.constants, angular_momentum_y_offset=float(offset)))
 
 
 def phase_of(starts: Array, time: Array) -> NDArray[np.intp]:

@@ -187,8 +187,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     Raises :class:`InputError` if the file cannot be read, or a row is not a footstep.
     """
     try:
-        text = io.StringIO(read_text(path), newline="")
-        table = csv.DictReader(text, skipinitialspace=True)
+        table = csv.DictReader(io.StringIO(read_text(path), newline=""), skipinitialspace=True)
         names = [name.strip() for name in table.fieldnames or ()]
         check_columns(names, path)
         lines = [(table.line_num, row) for row in table]

@@ -62,8 +62,7 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
     ground, steps = Ground.under(contacts.footsteps, sole), contacts.footsteps
     share = np.linspace(0.05, 0.95, _GRID)
     lift, missing = polynomial.polyval(share, LIFT), np.zeros(contacts.steps)
-    swings = [phase for phase in contacts.phases if phase.kind == "single_support"]
-    for k, swing in enumerate(swings):
+    for k, swing in enumerate([phase for phase in contacts.phases if phase.kind == "single_support"]):
         points = feet.sample(swing.start + share * swing.duration)[steps[k].foot == "right"].sole_points
         above = (points[..., 2] - ground.at(points[..., :2], _OVER)).min(axis=1)
         missing[k] = max(float((_OVER - above / lift).max()), 0.0)

@@ -155,8 +155,7 @@ class StepTracker:
     def _coarse_curves(self) -> list[Curves]:
         """Curves of all phases of the plan, on a coarse grid."""
         phases = self.plan.contacts.phases
-        grids = np.concatenate([self._grid(phase, _COARSE) for phase in phases])
-        sample = self.plan.sample(grids)
+        sample = self.plan.sample(np.concatenate([self._grid(phase, _COARSE) for phase in phases]))
         curves = self._curves(sample.com, sample.com_velocity, sample.com_acceleration, sample.moment)
         by_phase = (np.split(curve, len(phases)) for curve in curves)
         return [Curves(*parts) for parts in zip(*by_phase, strict=True)]

@@ -149,8 +149,7 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
         steps = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
         values = tightest(plan_margins(steps, run, space.description))
         if least_margin(values) >= -_GRID:  # else there is no use in a periodic step
-            orbit = RoughOrbits(robot, run).solve(steps, run)
-            values |= tightest(orbit_margins(orbit, steps, robot))
+            values |= tightest(orbit_margins(RoughOrbits(robot, run).solve(steps, run), steps, robot))
         if not least_margin(values) >= -_GRID:
             return None
         plan = PeriodicPlanner().plan(run, robot)

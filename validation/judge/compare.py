@@ -203,8 +203,7 @@ def compare(
     }
     for array in rows.values():
         array.setflags(write=False)
-    sole = (description or plan.feet).sole
-    scales = {"body_weight": measured.weight, "foot_length": sole.length}
+    scales = {"body_weight": measured.weight, "foot_length": (description or plan.feet).sole.length}
     costs: dict[str, Mapping[str, Any]] = {
         "effort": feedback_effort(record, valid, run),
         "margins": margins(followed, record, measured, description, shapes),

@@ -157,8 +157,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
     spreads = {name: np.sqrt(values.mean(axis=0)).filled(np.nan) for name, values in variances.items()}
     facts = {"spreads": spreads, "spread": spreads["force"] / log.weight}
     facts |= {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
-    lost = np.zeros(PHASES)
-    return replace(log, time=times, signals=signals, lost=lost, time_step=stride / PHASES), facts
+    return replace(log, time=times, signals=signals, lost=np.zeros(PHASES), time_step=stride / PHASES), facts
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:

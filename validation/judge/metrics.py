@@ -250,9 +250,7 @@ def _built_in() -> dict[str, Metric]:
 
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
-    if walk.plan.command is not None:
-        return None
-    return float(getattr(walk.signals[name][RUN], statistic))
+    return float(getattr(walk.signals[name][RUN], statistic)) if walk.plan.command is None else None
 
 
 def _recovery_time(walk: Comparison) -> float | None:

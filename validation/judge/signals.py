@@ -26,8 +26,7 @@ def kept_rows(steps: int, time_step: float) -> slice:
     between = state_steps(time_step)
     apart = [n for n in range(1, between) if between % n == 0]
     fewest = max(-(-steps // (between * MOST_ROWS)), 1) * between
-    least = next((n for n in apart if steps <= n * MOST_ROWS), fewest)
-    return slice(None, None, least)
+    return slice(None, None, next((n for n in apart if steps <= n * MOST_ROWS), fewest))
 
 
 def columns_of(things: Mapping[str, Any], rows: slice) -> dict[str, NDArray[Any]]:

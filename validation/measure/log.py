@@ -251,13 +251,12 @@ def _step(time: Array, name: str) -> float:
     """Median time from row to row [s]."""
     if len(time) < 3:
         raise InputError(f"{name} has too few rows, {len(time)}; give three or more.")
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if late.size:
+    steps = np.diff(time)
+    if (late := np.flatnonzero(steps <= 0.0)).size:
         raise InputError(
             f"row {late[0] + 2} of {name}: time = {time[late[0] + 1]:.9g} must be later than in the row "
             "before; sort the rows, and leave out repeated ones."
         )
-    steps = np.diff(time)
     if steps.max() > _LONGEST:
         row, jump = int(steps.argmax()) + 2, float(steps.max())
         raise InputError(f"row {row} of {name}: time jumps by {jump:.4g} s; give one log without the jump.")

@@ -88,8 +88,7 @@ def judge_log(
         measured = measure_log(log, walked.mass, walked.gravity)
         steps, planned_steps = _steps(log, walked), walked.contacts.steps
         facts |= {} if strides else {"steps": steps, "planned_steps": planned_steps}
-        record = log_record(log, measured, steps)
-        comparison = compare(walked, record, measured, counts=log.counts)
+        comparison = compare(walked, log_record(log, measured, steps), measured, counts=log.counts)
         values = evaluate(comparison)
         if strides:  # which are compared over their share
             stride = 2.0 * walked.constants.step_duration

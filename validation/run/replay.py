@@ -77,8 +77,7 @@ def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay
     with progress.stage("replay", "steps") as stage:
         again = step_again(physics, saved.record, stage.advance)
     with progress.stage("measurement"):
-        measured = measure(again, physics.robot.model)
-        found = _first_difference(saved, again, measured)
+        found = _first_difference(saved, again, measure(again, physics.robot.model))
     return found if found.identical else replace(found, note=_note(saved.summary["environment"]))
 
 

@@ -118,12 +118,10 @@ def walk_planned(
         record = simulate(planned, controller=controller, disturbances=disturbances, progress=advance)
         keep(record)
     with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
-        passive = passive_joints(planned.scene.model.compile())
-        measured = measure(record, planned.scene.robot.model, passive)
+        measured = measure(record, planned.scene.robot.model, passive_joints(planned.scene.model.compile()))
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        unpushed = unpushed_profile(run)
-        comparison = replace(comparison, unpushed_limits=unpushed.limits(comparison.scales))
+        comparison = replace(comparison, unpushed_limits=unpushed_profile(run).limits(comparison.scales))
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]

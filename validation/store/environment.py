@@ -90,8 +90,7 @@ def parameter_values(run: RunParameters) -> dict[str, Any]:
     rows = {"footsteps": sections.pop("footsteps")} if run.footsteps else {}
     values = {f"{name}.{key}": value for name, section in sections.items() for key, value in section.items()}
     for table in OPTION_TABLES:
-        options = values.pop(table, {})
-        values |= {f"{table}.{name}": value for name, value in options.items()}
+        values |= {f"{table}.{name}": value for name, value in values.pop(table, {}).items()}
     return values | rows
 
 

@@ -119,8 +119,7 @@ class SavedRun(Tabled):
                 row = np.searchsorted(record.state_rows[:-2], self.signal_steps[(begin + end) // 2])
                 points = record.point_position[row, record.point_foot == FEET.index(foot)]
                 hull = convex_hull(points[:, :2])
-                outline = np.vstack([hull, hull[:1]])
-                found.append((foot, np.insert(outline, 2, points[:, 2].min(), axis=1)))
+                found.append((foot, np.insert(np.vstack([hull, hull[:1]]), 2, points[:, 2].min(), axis=1)))
         return found
 
     @property
@@ -167,9 +166,7 @@ class SavedRun(Tabled):
         try:
             if name == "footsteps" and run.footsteps:
                 return plan_footstep_walk(run, self.body)
-            if planner is None:
-                return None
-            return planner(run.gait, run.body.mass, run.foot, self.body.sole)
+            return planner and planner(run.gait, run.body.mass, run.foot, self.body.sole)
         except AmpmError:
             return None
 

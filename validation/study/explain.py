@@ -103,8 +103,7 @@ class Case:
         values = {key: value for key, value in change.values(old).items() if old.value(key) != value}
         run = old.replace(values) if values else old
         if change.layer == BOTH and values:
-            found = {key for key in OPEN_KEYS if not key.startswith("gait.")}
-            run = run.giving(run.given - found)
+            run = run.giving(run.given - {key for key in OPEN_KEYS if not key.startswith("gait.")})
         unpushed = change.layer == "pushes"
         own = unpushed and self.profile == PUSHED.name  # judges a recovery, of which there is none
         return replace(
@@ -303,8 +302,7 @@ def explain(
     target = study_folder(execution)
     if folder is None:
         request = load_request(str(run) if isinstance(run, Path) else run, settings)
-        profile = own_profile(request.run, disturbances).name
-        given = Case(request, profile, tuple(disturbances))
+        given = Case(request, own_profile(request.run, disturbances).name, tuple(disturbances))
     elif settings or disturbances:
         raise InputError(f"{folder} is repeated as it was walked; for changes give {folder / RunFile.RUN}.")
     else:

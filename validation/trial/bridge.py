@@ -86,8 +86,7 @@ def pinocchio_model(model: mujoco.MjModel) -> pin.Model:
             # The body frame (before the next joint moves it) lies at minus the anchor.
             placement = pin.SE3(np.eye(3), -anchor)
         joint_of[body], placement_of[body] = parent_joint, placement
-        principal = np.diag(model.body_inertia[body])
-        inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), principal)
+        inertia = pin.Inertia(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
         own = _pose(model.body_ipos[body], model.body_iquat[body])
         result.appendBodyToJoint(parent_joint, own * inertia, placement)
         name = model.body(body).name

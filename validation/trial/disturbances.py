@@ -189,8 +189,7 @@ class MotorFaults:
 
     def __init__(self, run: RunParameters, motors: int) -> None:
         fault = run.disturbance
-        signs = np.random.default_rng([fault.seed, 1])
-        self._bias = fault.torque_bias * signs.choice([-1.0, 1.0], motors)
+        self._bias = fault.torque_bias * np.random.default_rng([fault.seed, 1]).choice([-1.0, 1.0], motors)
         late = run.count("disturbance.actuation_delay")
         self._commanded: deque[tuple[Array, Array]] = deque(maxlen=1 + late)
 

@@ -116,8 +116,7 @@ def _with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjDa
     views = {name: all_rows(data, getattr(data.contact, name)) for name in _Motion._fields[:4]}
     views |= {name: getattr(model, name) for name in ("geom_bodyid", "body_rootid", "dof_parentid")}
     views |= {name: getattr(data, name) for name in _Motion._fields[-4:]}
-    motion = _Motion(last=last, **views)
-    take_off = bound(_take_off, (refer(motion),), 0, data.efc_aref)
+    take_off = bound(_take_off, (refer(_Motion(last=last, **views)),), 0, data.efc_aref)
 
     def step1() -> None:
         engine.step1()

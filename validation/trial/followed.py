@@ -112,8 +112,7 @@ class FrozenPlan:
 
         ``exact`` asks for its least margin, which lies between the instants.
         """
-        until = min(float(times[-1]), plan.duration)
-        margin = plan.least_zmp_margin(until) if exact else None
+        margin = plan.least_zmp_margin(min(float(times[-1]), plan.duration)) if exact else None
         rows, residual = PlanRows.of(plan, times), check_newton(plan)
         off = np.abs(zmp_of_com(rows) - rows.zmp).max(axis=1)
         off[~np.isfinite(rows.angular_momentum).all(axis=1)] = np.inf

@@ -225,8 +225,7 @@ class RunLog:
 
     def _rows(self, steps: int) -> dict[str, int]:
         """Numbers of rows of a walk of some steps, whose states are all kept."""
-        ticks = -(-steps // self.substeps)
-        return {"K": steps, "R-1": steps, "K+1": steps + 1, "R": steps + 1, "T": ticks}
+        return {"K": steps, "R-1": steps, "K+1": steps + 1, "R": steps + 1, "T": -(-steps // self.substeps)}
 
     def keep_pushes(self, k: int, pushes: Mapping[str, Array]) -> None:
         """Copy force, moment and point of every segment that is pushed in step k, shape (9,)."""

@@ -91,8 +91,7 @@ class Sensors:
         self._wrenches = sensors.force_sensor == WRENCH
         forces = {"force": 6, "moment": 6} if self._wrenches else {"force": points}
         sizes = {"angle": hinges, "rate": hinges, "gyro": 3, "accelerometer": 3} | forces
-        ends = np.cumsum([0, *sizes.values()]).tolist()
-        self._parts = [slice(start, end) for start, end in pairwise(ends)]
+        self._parts = [slice(*ends) for ends in pairwise(np.cumsum([0, *sizes.values()]).tolist())]
 
         def spread(kind: str) -> Array:
             values = [getattr(sensors, f"{name}_{kind}", 0.0) for name in sizes]

@@ -79,13 +79,11 @@ def simulate(
     course = References(plan, run, physics, steps=steps, planner=replanner, controller=follower)
     end = math.inf if replanner else course.total * physics.time_step
     forces = forces_of(run, copied(disturbances), end)
-    stands = run.sensors.stand and run.sensors.estimator != EXACT
-    estimating = stand(planned, physics) if stands else None
+    stood = stand(planned, physics) if run.sensors.stand and run.sensors.estimator != EXACT else None
     start = place(physics, run, course.table[0])
-    if estimating is None:
-        estimating = make_estimator(run, planned.body, start)
-    else:
-        estimating.begin(start)
+    if stood is not None:
+        stood.begin(start)
+    estimating = make_estimator(run, planned.body, start) if stood is None else stood
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
     judged, model = judged_facts(plan), pickle.dumps(physics.model)
     record = loop.run(progress)
@@ -132,8 +130,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
     plan = StandingPlanner().plan(run.undisturbed, robot)
     controller = TrackingController(robot, run.undisturbed)
     course = References(plan, run, physics, controller=controller)
-    start = place(physics, run, course.table[0])
-    estimator = make_estimator(run, planned.body, start)
+    estimator = make_estimator(run, planned.body, place(physics, run, course.table[0]))
     if not hasattr(estimator, "begin"):
         raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")
     outcome = ClosedLoop(physics, controller, course, run, estimator=estimator).run().outcome
@@ -188,8 +185,7 @@ def _with_floor(record: SimulationRecord, floor: Array) -> SimulationRecord:
 
     The height of the floor at a tick is that under the contacts of the step before it.
     """
-    ticks = np.arange(0, record.steps, record.substeps)
-    before = np.maximum(ticks - 1, 0)
+    before = np.maximum(np.arange(0, record.steps, record.substeps) - 1, 0)
     at = record.point_position[before, :, 2] + record.point_penetration[before]
     load = record.point_force[before, :, 2]
     height = np.repeat(support_height(floor, at, load), record.substeps)[: record.steps]
@@ -228,8 +224,7 @@ class ClosedLoop:
         self.users_code = UsersCode("controller", controller, walking=True)
         self.done, self.stepped = 0, list[SteppedTick]()
         robot, fault = physics.robot, run.disturbance
-        is_faulty = fault.actuation_delay or fault.torque_bias
-        self.faults = MotorFaults(run, robot.nu) if is_faulty else None
+        self.faults = MotorFaults(run, robot.nu) if fault.actuation_delay or fault.torque_bias else None
         self.log = RunLog(course.total, physics)
         self.command, self._row = self.log.command, self.log.row
         names = ("torque", "rate", "force", "zmp", "angular_momentum")

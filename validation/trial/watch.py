@@ -154,10 +154,9 @@ class Watch:
         elif time - self._last_sign > CALM:
             self._first_sign = ""
         if not math.isfinite(distance + lean):
-            return self._end(time, OutcomeName.DIVERGED, f"the state was no longer finite {at}")
+            return self.blown_up(time, "the state was no longer finite")
         if speed > BLOW_UP:
-            what = f"the COM moved at {speed:.3g} m/s, which no body does, {at}"
-            return self._end(time, OutcomeName.DIVERGED, what)
+            return self.blown_up(time, f"the COM moved at {speed:.3g} m/s, which no body does,")
         if fallen := stance.fallen(self._scale):
             return self._end(time, OutcomeName.FELL, f"{fallen} {at}")
         if status != UNSOLVED:

@@ -292,8 +292,7 @@ class _Log:
         times = np.minimum(self.times, plan.duration)
         points, contact = plan.points_in_contact(times)
         change = changes(contact)
-        floor = plan.sample(times[change]).floor
-        rows = zip(points[change], contact[change], floor.tolist(), strict=True)
+        rows = zip(points[change], contact[change], plan.sample(times[change]).floor.tolist(), strict=True)
         polygons = [_on_floor(convex_hull(mine[here]), height) for mine, here, height in rows]
         strips = [np.vstack([polygon, polygon[:1]]).astype(np.float32) for polygon in polygons]
         self.static("world/plan/polygon", rr.LineStrips3D.from_fields(colors=[PLAN], radii=[0.004]))

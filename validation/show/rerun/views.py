@@ -107,8 +107,7 @@ def _is_free(ranges: Ranges) -> bool:
 def _near() -> rrb.TimeAxis:
     """Time axis that follows the cursor."""
     boundary = rrb.TimeRangeBoundary.cursor_relative
-    window = rr.TimeRange(start=boundary(seconds=-1.5), end=boundary(seconds=0.5))
-    return rrb.TimeAxis(view_range=window)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=boundary(seconds=-1.5), end=boundary(seconds=0.5)))
 
 
 def _plot(entity: str, runs: Sequence[str], ranges: Ranges) -> rrb.TimeSeriesView:

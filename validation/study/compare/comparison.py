@@ -487,8 +487,7 @@ def compare_gaits(
         walks = {str(place / f"walk-{number}"): request for number, request in enumerate(requests, start=1)}
         tasks = []
         for path, request in walks.items():
-            profile = own_profile(request.run).name
-            options = {"folder": path, "request": request, "profile": profile}
+            options = {"folder": path, "request": request, "profile": own_profile(request.run).name}
             tasks.append(Task(path, keep_run, options))
         there: Execution = {**execution, "out": folder}  # without it nothing is kept
         for row in walk_many(tasks, **there):

@@ -66,8 +66,7 @@ class Robustness(Tabled):
         """Largest value survived of every disturbance."""
         note = f"Pushes of {DURATION:g} s: the velocity change. A value counts with all milder ones."
         columns = ("disturbance", "unit", "survived", "first failure")
-        rows = [item.row() for item in self.cells]
-        return [Table(self.title, columns, rows, (note, *self.crashes))]
+        return [Table(self.title, columns, [item.row() for item in self.cells], (note, *self.crashes))]
 
 
 def needed(replicas: int) -> int:

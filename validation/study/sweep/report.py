@@ -93,8 +93,7 @@ def sweep_metric_table(sweep: SweepTable) -> Table:
     named = list(texts(sweep))
     cells = list(zip(*map(sweep.words, named), strict=True)) or [()] * len(sweep)
     for group in sorted(set(cells)):
-        inside = np.array([cell == group for cell in cells])
-        found = list(_metric_rows(sweep, inside))
+        found = list(_metric_rows(sweep, np.array([cell == group for cell in cells])))
         if named and found:
             heading = ", ".join(f"{key} {value}" for key, value in zip(named, group, strict=True))
             rows.append((heading, *[""] * (len(columns) - 1)))
