@@ -96,7 +96,6 @@ def ampm(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) ->
 
     def run(*arguments: object) -> Answer:
         capsys.readouterr()
-        status = call([str(argument) for argument in arguments])
-        return Answer(status, *capsys.readouterr())
+        return Answer(call([str(argument) for argument in arguments]), *capsys.readouterr())
 
     return run

@@ -63,8 +63,7 @@ def walk_of(*overrides: str) -> Walk:
     run = load_run(None, [*WALK, *overrides])
     model = build_body(run)
     robot = Body.of(model).robot
-    plan = plan_steps(run.gait, run.body.mass, run.foot, model.description.sole)
-    return Walk(run, plan, robot)
+    return Walk(run, plan_steps(run.gait, run.body.mass, run.foot, model.description.sole), robot)
 
 
 @cache
@@ -85,8 +84,7 @@ def planned_walk(*overrides: str) -> WalkPlan:
 @cache
 def body_of(*overrides: str) -> BodyModel:
     """The simulated body, with some settings changed."""
-    run = walk_of(COARSE, *overrides).run
-    return build_body(run)
+    return build_body(walk_of(COARSE, *overrides).run)
 
 
 def replays(record: SimulationRecord, *overrides: str) -> bool:

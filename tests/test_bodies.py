@@ -87,8 +87,7 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
     own = load_request(None, ["body.source=suite-humanoid"]).run
     assert definition.gait == "suite-humanoid"
     assert definition.tune
-    flat = {"gait.steps": definition.steps, "foot.schedule": "flat"}
-    assert definition.parameters(0) == own.replace(flat)
+    assert definition.parameters(0) == own.replace({"gait.steps": definition.steps, "foot.schedule": "flat"})
     assert parse_sweep(dump_sweep(definition)) == definition
 
 

@@ -28,8 +28,7 @@ HINGE = (
 
 
 def load(path: Path) -> BodyModel:
-    run = RunParameters(body=BodyParameters(source=str(path)))
-    return build_body(run)
+    return build_body(RunParameters(body=BodyParameters(source=str(path))))
 
 
 def write(folder: Path, urdf: str = URDF, toml: str = TOML) -> Path:

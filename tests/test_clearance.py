@@ -1,7 +1,5 @@
 """A body that passes through itself is found: before it walks, and in the walk."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -9,15 +7,13 @@ from scipy.optimize import lsq_linear
 
 from ampm.body.limits import CLEARANCE
 from ampm.body.robot import Gaps, Robot
-from ampm.run_file import load_run
-from models.load import build_body
 from tests.saved_run import make_run
-from tests.solved import COARSE, motion_of, walk_of
+from tests.solved import COARSE, body_of, motion_of, walk_of
+from tests.test_body_files import read
 from validation.show.report import render
 from validation.store.saved import load_saved_run
 from validation.trial.shapes import REACH, Shapes, least_distances
 
-BIPED = Path(__file__).parents[1] / "docs" / "examples" / "biped.toml"
 LIMB = """<body name="{name}" pos="0 {y} 0">
   <joint name="{name}_x" axis="1 0 0"/><joint name="{name}_y" axis="0 1 0"/>
   <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
@@ -39,8 +35,7 @@ def between_segments(a, b):
 
 def bent(only_legs=False, **angles):
     """The closest parts of the default human, or of its legs, some of whose joints are bent."""
-    run = load_run("normal")
-    model = build_body(run).compile()
+    model = body_of().compile()
     q = model.qpos0.copy()
     for joint, angle in angles.items():
         q[model.joint(joint).qposadr[0]] = angle
@@ -69,8 +64,7 @@ def test_the_distance_of_two_capsules_is_that_of_their_axes_less_the_radii():
 
 
 def test_no_shapes_are_nearer_than_by_their_boxes():
-    run = load_run("normal")
-    model = build_body(run).compile()
+    model = body_of().compile()
     data, shapes = mujoco.MjData(model), Shapes(model)
     for angles in np.random.default_rng(0).uniform(-0.6, 0.6, (5, model.nq - 7)):
         data.qpos[7:] = angles
@@ -97,7 +91,7 @@ def test_arms_legs_and_trunk_are_watched(angles, parts):
 
 def test_the_torso_of_a_body_without_arms_is_no_limb():
     """A small body was refused, as its chest comes near its thighs."""
-    body = build_body(load_run(None, body={"source": str(BIPED)}))
+    body = read()
     assert len(Shapes(body.compile(), body.description.trunk_segment)) < len(Shapes(body.compile()))
 
 

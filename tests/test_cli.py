@@ -319,8 +319,7 @@ def test_a_full_disk_behind_standard_output():
 
 def test_users_print_to_standard_error(tmp_path):
     (tmp_path / "loud.py").write_text("import os\nprint('python')\nos.write(1, b'descriptor\\n')\n")
-    command = "plan normal --set gait.planner=loud:None --json"
-    answer = script(command, cwd=tmp_path)
+    answer = script("plan normal --set gait.planner=loud:None --json", cwd=tmp_path)
     assert json.loads(answer.stdout)["error"]["kind"] == "input"
     assert "python" in answer.stderr
     assert "descriptor" in answer.stderr

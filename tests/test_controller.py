@@ -21,8 +21,7 @@ INSTANTS = (0.2, 0.62, 0.66, 0.9)
 @cache
 def reference(time, row=0):
     """The reference of an instant of the walk, or of ticks after it."""
-    ticks = time + 0.002 * np.arange(200)
-    return planned_walk().table(ticks, Timing(early=0.04))[row]
+    return planned_walk().table(time + 0.002 * np.arange(200), Timing(early=0.04))[row]
 
 
 def controller(*overrides, weaker=1.0):

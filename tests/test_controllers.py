@@ -250,8 +250,7 @@ def test_episodes_begin_on_the_plan_at_instants_that_the_seed_fixes():
     def starts(seed):
         env, found = load(seed=seed), []
         for _ in range(6):
-            observation = env.reset().observation
-            assert np.abs(observation["posture_error"]).max() == 0.0
+            assert np.abs(env.reset().observation["posture_error"]).max() == 0.0
             found.append(env.physics.first)
         return found
 

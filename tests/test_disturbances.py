@@ -98,8 +98,7 @@ def test_a_com_push_adds_momentum_and_no_angular_momentum():
     speed = np.diff(gained[rows]) / np.diff(record.time[rows])
     assert speed == pytest.approx(60.0 * 0.02 / record.mass, rel=0.3)
     measured = measure(record, walk_of(COARSE).robot.model)
-    again = simulated(disturbances=[Recorded(record)], steps=1)
-    assert same_bits(again.q, record.q)
+    assert same_bits(simulated(disturbances=[Recorded(record)], steps=1).q, record.q)
     # Without the push they would be 40 mm apart, without its moment 4 mm.
     np.testing.assert_allclose(measured.zmp, measured.zmp_momentum, rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(measured.force, measured.momentum_force, rtol=0.0, atol=1e-2)

@@ -199,8 +199,7 @@ def test_steps_to_targets_stand_at_them_and_go_no_farther_aside_or_turn_more_tha
     way = np.diff(middle, axis=0)
     left = (way * to_left[:-1]).sum(axis=1)
     assert np.hypot(*way.T).max() <= math.hypot(length, aside) + 1e-9
-    outward = side[1:] * left
-    assert outward.max() <= aside + 1e-9
+    assert (side[1:] * left).max() <= aside + 1e-9
     fewer = tour.visit(targets, 2.0 * length, width, 2.0 * aside, most)
     assert len(fewer) < len(footsteps)
 

@@ -99,8 +99,7 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
     footsteps, landings = stop_and_go(0.7)
     landings[2] = 3.0  # it starts late, too
     landings[6] += 3.0 - SETTLING - CONSTANTS.single_support_duration
-    run = RUN.replace({}, footsteps=routes.as_rows(footsteps, landings))
-    walk = plan_footstep_walk(run, BODY)
+    walk = plan_footstep_walk(RUN.replace({}, footsteps=routes.as_rows(footsteps, landings)), BODY)
     landed = [phase.start for phase in walk.contacts.phases[2::2]]
     assert landed[0] == pytest.approx(3.0)
     assert landed[4] == pytest.approx(landings[6])

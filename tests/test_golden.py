@@ -54,8 +54,7 @@ def definition(name):
 def found(name, run_of):
     """Cells of a column, but for its definition."""
     asked = definition(name)
-    saved = val.load(run_of(**asked))
-    summary = saved.summary
+    summary = val.load(run_of(**asked)).summary
     cells = {"outcome": summary["outcome"], "verdict": summary["verdict"]}
     if summary["outcome"] == "fell":  # its figures hang on the processor's rounding
         return cells

@@ -162,8 +162,7 @@ def plans(request):
 
 def test_only_heights_change_with_the_slope(plans):
     slope = np.array(plans[1].contacts.slope)
-    times = np.linspace(0.0, plans[0].duration, 1001)
-    level, uphill = (plan.sample(times) for plan in plans)
+    level, uphill = (plan.sample(np.linspace(0.0, plans[0].duration, 1001)) for plan in plans)
     np.testing.assert_allclose(uphill.moment, level.moment, atol=1e-9)
     constant = [plan.constants.angular_momentum_y_offset for plan in plans]  # the body's
     momentum = uphill.angular_momentum - [0.0, constant[1] - constant[0]]

@@ -120,8 +120,7 @@ def test_a_log_without_a_whole_step_is_partial(folder, table):
 
 
 def test_strides_that_a_gap_touches_are_left_out():
-    time = np.r_[0.0:1.5:0.01, 2.25:6.5:0.01]
-    log: Any = SimpleNamespace(time=time, time_step=0.01)
+    log: Any = SimpleNamespace(time=np.r_[0.0:1.5:0.01, 2.25:6.5:0.01], time_step=0.01)
     assert whole_strides(log, np.arange(7.0)) == [(0.0, 1.0), (3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
     assert whole_strides(log, np.arange(7.0), 0.1) == [(3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
 

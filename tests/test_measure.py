@@ -180,8 +180,7 @@ def test_a_walk_obeys_them(settings):
     model = planned.scene.model.compile()
 
     def of(record, passive):
-        twin = bridge.pinocchio_model(model)
-        return check_equations(record, twin, passive)
+        return check_equations(record, bridge.pinocchio_model(model), passive)
 
     passive = bridge.passive_joints(model)
     found = of(record, passive)

@@ -32,8 +32,7 @@ def script(name):
 def walked(make, size, gait="normal", steps=3):
     """Judgement of a plan that a function of the script makes."""
     run = ampm.load_run(gait, gait={"steps": steps}).as_is()
-    planner = getattr(script("negative_controls"), make)(run, size)
-    return val.walk(run, planner=planner).judged("default")
+    return val.walk(run, planner=getattr(script("negative_controls"), make)(run, size)).judged("default")
 
 
 @pytest.mark.parametrize("make", ["shifted_zmp", "other_mass"])

@@ -91,8 +91,7 @@ def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_
     folder = trial.save(tmp_path / "run", recording=False)
     assert val.load(folder).parameters.controller.options == {"gain": 0.2}
     assert val.replay(folder).identical
-    again = val.walk(str(folder / "run.toml"))
-    np.testing.assert_array_equal(again.record.q, trial.record.q)
+    np.testing.assert_array_equal(val.walk(str(folder / "run.toml")).record.q, trial.record.q)
 
 
 def test_a_planner_is_made_once(monkeypatch):

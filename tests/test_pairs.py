@@ -170,8 +170,7 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
 def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     side = sides[0]
     assert side.doubt("zmp_x_rmse", "m") == pytest.approx(SHARE * side.number("zmp_x_rmse"))
-    largest = side.number("zmp_x_maximum")
-    assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE * largest)
+    assert side.doubt("zmp_x_maximum", "m") == pytest.approx(SHARE * side.number("zmp_x_maximum"))
     small = changed(side, margins={"measured_polygon": {"value": 1e-5}})  # whose share would be nothing
     assert small.doubt("margin_measured_polygon", "m") == 1e-3
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))

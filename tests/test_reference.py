@@ -50,8 +50,7 @@ def test_a_walk_ends_as_if_it_went_on():
     """Or the rear foot's forces would not close at the end, and ticks there might stay unsolved."""
     timing = Timing(LEAD, EARLY)
     shorter, longer = (planned_walk(f"gait.steps={steps}") for steps in (2, 3))
-    ticks = np.arange(0.0, shorter.duration, 0.002)
-    ends = [plan.table(ticks, timing) for plan in (shorter, longer)]
+    ends = [plan.table(np.arange(0.0, shorter.duration, 0.002), timing) for plan in (shorter, longer)]
     for name in ("planned", "due", "until_lift"):
         short, long = (np.minimum(getattr(end, name), 0.5) for end in ends)
         np.testing.assert_array_equal(short, long)

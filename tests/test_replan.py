@@ -198,9 +198,11 @@ def test_a_planner_and_an_estimator_get_what_was_sensed_whatever_a_controller_wr
         def replan(self, time, state, touch, plan):
             found.extend((state.q.copy(), state.v.copy(), touch.normal_force.copy()))
 
-    for estimator in ("exact", "tests.test_sensors:Untidy"):
-        setting, look = f"sensors.estimator={estimator}", Look(None)
-        walked = [simulated(setting, planner=look, controller=one, steps=1) for one in (None, Untidy)]
+    for estimators in (("exact", "exact"), ("kalman", "tests.test_sensors:Untidy")):
+        walked = []
+        for name, controller in zip(estimators, (None, Untidy), strict=True):
+            setting = f"sensors.estimator={name}"
+            walked.append(simulated(setting, planner=Look(None), controller=controller, steps=1))
         assert_same(*walked)
     assert np.isfinite(np.hstack(found)).all()
 

@@ -163,8 +163,7 @@ def test_a_plan_that_is_not_known_again_leaves_times_and_measured_footprints(run
 @pytest.mark.parametrize("seconds", [0.0, 0.9])
 def test_a_fall_is_told_as_one(tmp_path, seconds):
     cause = "The <b>pelvis</b> sank & stayed \N{SKULL}."
-    end = Outcome(OutcomeName.FELL, seconds, cause, 0)
-    directory = make_run(tmp_path, outcome=end)
+    directory = make_run(tmp_path, outcome=Outcome(OutcomeName.FELL, seconds, cause, 0))
     html = write_report(directory).read_text(encoding="utf-8")
     assert 'class="card verdict fail"' in html
     assert "<b>pelvis</b>" not in html

@@ -121,8 +121,7 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
 def test_directions_go_by_the_foot_after_the_push():
     contacts = walk_of().plan.contacts
     assert contacts.phases[0].stance == "left"
-    sides = {"early": 1.0, "mid": 1.0, "late": -1.0, "double": -1.0}
-    for phase, side in sides.items():
+    for phase, side in {"early": 1.0, "mid": 1.0, "late": -1.0, "double": -1.0}.items():
         signs = {"narrower": side, "wider": -side}
         for direction, sign in signs.items():
             along = push_instant(contacts, direction, phase, 1)[1]

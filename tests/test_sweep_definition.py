@@ -35,8 +35,7 @@ def sampled(lines, method="sobol", count=8, seed=1):
 def test_examples_load_and_read_back(path):
     definition = load_sweep(path)
     assert definition.name == path.stem
-    again = parse_sweep(dump_sweep(definition))
-    assert again == definition
+    assert parse_sweep(dump_sweep(definition)) == definition
     for run in (0, len(definition) - 1):
         assert isinstance(definition.parameters(run), RunParameters)
 

@@ -90,8 +90,7 @@ def test_texts_and_infinities():
 
 
 def test_sweeps_of_one_run_and_of_refusals():
-    one = make_table(failures=False, grid={"gait.c_s": [1.0]})
-    assert "No parameter varies" in render(sweep_of(one))
+    assert "No parameter varies" in render(sweep_of(make_table(failures=False, grid={"gait.c_s": [1.0]})))
     table = make_table(20)
     for name, value in (("outcome", "refused"), ("reason", "too_slow"), ("verdict", None)):
         table = replaced(table, name, pa.array([value] * 20, pa.string()))
