@@ -324,6 +324,9 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     shifted = measured.zmp.copy()
     shifted[210:600, 1] += 0.008  # within the largest error, not the RMS, which later steps do not lower
     assert recovery_time(compare(plan, pushed, replace(measured, zmp=shifted))) > 385 * record.time_step
+    noisy = measured.zmp.copy()
+    noisy[-step:, 1] += 0.0018  # the last step has more than the RMS limit, but not all that remains
+    assert recovery_time(compare(plan, pushed, replace(measured, zmp=noisy))) == 0.0
     later = replace(pushed, external_force=np.roll(force, 2 * step, axis=0))
     unfit = np.roll(earlier, step, axis=0)  # before the first push
     assert recovery_time(compare(plan, later, replace(measured, zmp=unfit))) == np.inf

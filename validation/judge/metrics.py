@@ -254,12 +254,13 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Longest time from the end of a push until all errors keep their limits in every step that follows [s].
+    """Longest time from the end of a push until all errors keep their limits [s].
 
-    The steps are all windows of a step's duration up to the next push, or to the end of the walk; pushes less
-    than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
-    limits within its own limit, or did not from the begin to the first push, if that was a step or more; NaN
-    if the walk ends before that; None if nothing pushed the body, or without a plan.
+    They keep them from an instant on if they do so both in the step that follows and in all that remains, up
+    to the next push or to the end of the walk. Pushes less than a step apart are one, and a force that never
+    ends is none. Infinite if the errors do not keep their limits within its own limit, or did not from the
+    begin to the first push, if that was a step or more; NaN if the walk ends before that; None if nothing
+    pushed the body, or without a plan.
     """
     record = walk.record
     if walk.plan.command is not None or not (pushes := push_rows(record)):
@@ -271,16 +272,18 @@ def _recovery_time(walk: Comparison) -> float | None:
     errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
 
     def kept(begin: int, end: int, rows: int = step) -> NDArray[np.bool_]:
-        """Whether errors keep their limits in a window of some rows and in all later ones, by its begin."""
+        """Whether errors keep their limits, by the begin of a window of some rows, in it and to the end."""
         within = np.ones(max(end - begin - rows + 1, 0), dtype=bool)
+        lengths = end - begin - np.arange(within.size)
         for name, error in errors.items() if within.size else ():
             of, limits = error[begin:end], walk.unpushed_limits
             broken = ~(of <= limits.get(f"{name}_maximum", math.inf))
             squares = np.where(broken, 0.0, of) ** 2
             sums = np.cumsum(np.vstack([np.zeros(2), np.column_stack([broken, squares])]), axis=0)
-            count, square = (sums[rows:] - sums[:-rows]).T
-            within &= (count == 0) & (square <= rows * limits.get(f"{name}_rmse", math.inf) ** 2)
-        return np.logical_and.accumulate(within[::-1])[::-1]
+            (count, rest), mean = (sums[-1] - sums[:-rows]).T, limits.get(f"{name}_rmse", math.inf) ** 2
+            square = sums[rows:, 1] - sums[:-rows, 1]
+            within &= (count == 0) & (square <= rows * mean) & (rest <= lengths * mean)
+        return within
 
     if first - judged >= step and not kept(judged, first, first - judged)[0]:
         return math.inf
