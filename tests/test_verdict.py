@@ -327,6 +327,12 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
     noisy = measured.zmp.copy()
     noisy[-step:, 1] += 0.0018  # the last step has more than the RMS limit, but not all that remains
     assert recovery_time(compare(plan, pushed, replace(measured, zmp=noisy))) == 0.0
+    late, early = measured.zmp.copy(), np.zeros_like(force)
+    early[10] = 10.0
+    most = find_profile("default").limits(found.scales)["zmp_y_rmse"] * 1.93
+    late[900:1000, 1] += most * math.sqrt(step / 100)  # in a later step, and half of it in all that remains
+    found = compare(plan, replace(pushed, external_force=early), replace(measured, zmp=late))
+    assert recovery_time(found) > 600 * record.time_step
     later = replace(pushed, external_force=np.roll(force, 2 * step, axis=0))
     unfit = np.roll(earlier, step, axis=0)  # before the first push
     assert recovery_time(compare(plan, later, replace(measured, zmp=unfit))) == np.inf

@@ -26,6 +26,7 @@ from validation.judge.compare import RUN, SIGNALS, Comparison, push_rows, signal
 from validation.table import own_rows
 from validation.trial.users import load_object
 
+_ONE_STEP = 1.9  # most RMS error of a later step over its limit: with noise, steps vary by 1.8 [1]
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
 
 
@@ -257,10 +258,10 @@ def _recovery_time(walk: Comparison) -> float | None:
     """Longest time from the end of a push until all errors keep their limits [s].
 
     They keep them from an instant on if they do so both in the step that follows and in all that remains, up
-    to the next push or to the end of the walk. Pushes less than a step apart are one, and a force that never
-    ends is none. Infinite if the errors do not keep their limits within its own limit, or did not from the
-    begin to the first push, if that was a step or more; NaN if the walk ends before that; None if nothing
-    pushed the body, or without a plan.
+    to the next push or to the end of the walk, and no later step exceeds 1.9 times an RMS limit. Pushes less
+    than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
+    limits within its own limit, or did not from the begin to the first push, if that was a step or more; NaN
+    if the walk ends before that; None if nothing pushed the body, or without a plan.
     """
     record = walk.record
     if walk.plan.command is not None or not (pushes := push_rows(record)):
@@ -281,8 +282,9 @@ def _recovery_time(walk: Comparison) -> float | None:
             squares = np.where(broken, 0.0, of) ** 2
             sums = np.cumsum(np.vstack([np.zeros(2), np.column_stack([broken, squares])]), axis=0)
             (count, rest), mean = (sums[-1] - sums[:-rows]).T, limits.get(f"{name}_rmse", math.inf) ** 2
-            square = sums[rows:, 1] - sums[:-rows, 1]
-            within &= (count == 0) & (square <= rows * mean) & (rest <= lengths * mean)
+            square = (sums[rows:, 1] - sums[:-rows, 1]) / rows
+            later = np.logical_and.accumulate(square[::-1] <= _ONE_STEP**2 * mean)[::-1]
+            within &= (count == 0) & (square <= mean) & later & (rest <= lengths * mean)
         return within
 
     if first - judged >= step and not kept(judged, first, first - judged)[0]:
