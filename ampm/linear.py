@@ -19,15 +19,19 @@ def add_combination(factor: float, rows: Array, x: Array, out: Array) -> None:
 
 
 @compiled
-def product(a: Array, b: Array) -> Array:
-    """``a b``, shapes (n, k) with many zeros and (k, m)."""
-    out = np.zeros((a.shape[0], b.shape[1]))
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            factor = a[i, j]
+def weighted_gram(a: Array, weighted: Array) -> Array:
+    """``a' D a`` of a matrix with many zeros and of ``weighted = D a``, D diagonal, shapes (k, n)."""
+    count, n = a.shape
+    out = np.zeros((n, n))
+    for j in range(count):
+        end = n
+        while end > 0 and a[j, end - 1] == 0.0:
+            end -= 1
+        for i in range(end):
+            factor = a[j, i]
             if factor != 0.0:
-                for e in range(b.shape[1]):
-                    out[i, e] += factor * b[j, e]
+                for e in range(end):
+                    out[i, e] += factor * weighted[j, e]
     return out
 
 

@@ -13,7 +13,7 @@ from ampm.body.rigid_body import com_of, moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
-from ampm.linear import add_combination, product, solved
+from ampm.linear import add_combination, solved, weighted_gram
 from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, turned, vector
 
 Rows = NDArray[np.intp]
@@ -82,9 +82,13 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
 @compiled
 def tasks_of(body: Kinematics, rows: Rows) -> tuple[Array, Array, Array]:
     """``J'``, ``W^-1 J'`` and ``J W^-1 J'`` of some rows of the tasks, where a body is placed."""
-    jacobian = body.columns[:, rows]
-    weighted = jacobian / body.weight.reshape(-1, 1)
-    return jacobian, weighted, product(jacobian.T, weighted)
+    jacobian = np.empty((len(body.weight), len(rows)))
+    weighted = np.empty_like(jacobian)
+    for j in range(len(jacobian)):  # in loops, which take half the time of numpy's expressions
+        for i in range(len(rows)):
+            jacobian[j, i] = body.columns[j, rows[i]]
+            weighted[j, i] = jacobian[j, i] / body.weight[j]
+    return jacobian, weighted, weighted_gram(jacobian, weighted)
 
 
 @compiled

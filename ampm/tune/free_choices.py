@@ -377,10 +377,12 @@ def _later_rise(plan: StepPlan) -> float:
     points, contact = plan.points_in_contact(times)
     zmp = plan.sample(times).zmp
     risen = ~contact[:, 0]
+    without = polygon_margin(points, contact, zmp)
+    missed = risen & (without < -RISE_TOLERANCE)
+    if not missed.any():
+        return 0.0
     flat_contact, flat_points = contact.copy(), points.copy()
     flat_contact[:, :2] = True
     flat_points[:, :2, 0] = points[:, 2:4, 0] + plan.feet.sole.heel_x - plan.feet.sole.ball_x
-    without = polygon_margin(points, contact, zmp)
-    with_heel = polygon_margin(flat_points, flat_contact, zmp)
-    missed = risen & (without < -RISE_TOLERANCE) & (with_heel > without + 1e-6)
+    missed &= polygon_margin(flat_points, flat_contact, zmp) > without + 1e-6
     return float(times[missed].max() - times[risen].min()) if missed.any() else 0.0
