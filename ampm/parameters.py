@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from ampm.controller_parameters import ControllerParameters
 from ampm.exceptions import InputError
@@ -191,6 +191,15 @@ class FootstepParameters(Section, section="footsteps"):
     )
 
 
+def footstep_keys(row: Any) -> Any:
+    """Keys of an :class:`ampm.Footstep`; anything else as it is."""
+    try:
+        foot, (x, y, z), heading = row.foot, map(float, row.position), float(row.heading)
+    except (AttributeError, TypeError, ValueError):
+        return row
+    return {"foot": foot, "x": x, "y": y, "heading": heading} | ({"z": z} if z else {})
+
+
 OPTION_TABLES: Mapping[str, str] = {
     "planner.options": "gait.planner",
     "controller.options": "controller.name",
@@ -253,7 +262,7 @@ class RunParameters(Section):
     solver: SolverParameters = Field(default_factory=SolverParameters)
     disturbance: DisturbanceParameters = Field(default_factory=DisturbanceParameters)
     sensors: SensorParameters = Field(default_factory=SensorParameters)
-    footsteps: tuple[FootstepParameters, ...] = Field(
+    footsteps: tuple[Annotated[FootstepParameters, BeforeValidator(footstep_keys)], ...] = Field(
         (),
         description="places to walk over, from rest to rest; none: the periodic gait",
         strict=False,  # a list is fine

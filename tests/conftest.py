@@ -53,12 +53,11 @@ def run_in(shared_folder: Path) -> RunOf:
         steps: int = 8,
         footsteps: list[Any] | None = None,
     ) -> Path:
-        from ampm.planner import routes
         from validation.run.walk import walk_planned
         from validation.trial.plan import load_request, plan_walk
 
         changed = [f"{key}={value}" for key, value in {**(settings or {}), "gait.steps": steps}.items()]
-        sections = {"footsteps": routes.as_rows(footsteps)} if footsteps else {}
+        sections = {"footsteps": footsteps} if footsteps else {}
         words = json.dumps([gait, changed, sections])
         name = f"{gait}-{steps}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
         target = shared_folder / name

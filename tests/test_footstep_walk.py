@@ -23,7 +23,7 @@ CONSTANTS = plan_gait(RUN.gait, 60.0).constants
 
 
 def over(footsteps, run=RUN):
-    return run.replace({}, footsteps=routes.as_rows(footsteps))
+    return run.replace({}, footsteps=footsteps)
 
 
 def plan(footsteps, run=RUN):

@@ -13,7 +13,7 @@ from typing import Any
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.files import check_columns, read_text
-from ampm.parameters import FootstepParameters, RunParameters
+from ampm.parameters import FootstepParameters, RunParameters, footstep_keys
 from ampm.planner.contacts import Footstep, Side
 
 Row = Footstep | FootstepParameters | Mapping[str, Any]
@@ -167,17 +167,12 @@ def as_rows(footsteps: Sequence[Row], landings: Sequence[float | None] | None = 
     for number, step in enumerate(footsteps, start=1):
         if isinstance(step, FootstepParameters):
             step = step.model_dump(exclude_unset=True)
-        if isinstance(step, Mapping):
-            rows.append(dict(step))
-            continue
-        try:
-            foot, (x, y, z), heading = step.foot, map(float, step.position), float(step.heading)
-        except (AttributeError, TypeError, ValueError):
+        row = footstep_keys(step)
+        if not isinstance(row, Mapping):
             wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)."
-            raise InputError(f"cannot read footstep {number}: {str(step)[:80]}; {wanted}") from None
-        time = None if landings is None else landings[number - 1]
-        rows.append({"foot": foot, "x": x, "y": y, "heading": heading})
-        rows[-1] |= ({"z": z} if z else {}) | ({} if time is None else {"time": float(time)})
+            raise InputError(f"cannot read footstep {number}: {str(step)[:80]}; {wanted}")
+        time = None if landings is None or row is step else landings[number - 1]
+        rows.append({**row} | ({} if time is None else {"time": float(time)}))
     return rows
 
 
