@@ -35,10 +35,11 @@ def run(pytester, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("COUNT", str(pytester.path / "count"))
 
-    def call(text, *arguments):
+    def call(text, *args):
         pytester.makepyfile(FILE + text)
-        plugins = ("-p", "validation.pytest_plugin", "-p", "no:cacheprovider")
-        return pytester.runpytest_subprocess(*plugins, *arguments)
+        return pytester.runpytest_subprocess(
+            "-p", "validation.pytest_plugin", "-p", "no:cacheprovider", *args
+        )
 
     return call
 
@@ -97,7 +98,8 @@ def test_changed(walked, monkeypatch):
 def test_failures_say_what_is_wrong(run, tmp_path):
     result = run(
         """
-def test_falls(walked, assert_within):
+@pytest.mark.parametrize("c_s", ["c_s<1", "c_s>1"])
+def test_falls(walked, assert_within, c_s):
     walked("normal", controller=JointPD, **COARSE)
     assert_within()
 
@@ -109,12 +111,13 @@ def test_unknown_gait(walked):
 """,
         f"--basetemp={tmp_path / 'runs'}",
     )
-    result.assert_outcomes(failed=3)
+    result.assert_outcomes(failed=4)
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
             "normal with docs.examples.joint_pd:JointPD: not measured (default). The body fell*",
-            f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls/0-normal",
+            f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls-c_s-1/0-normal",
+            "*ampm view */ampm-runs/*test_falls-c_s-1+/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
             "*did you mean 'normal'*",
         ]

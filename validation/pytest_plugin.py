@@ -91,8 +91,8 @@ def walk_once(
 ) -> Trial:
     """Walk as :func:`validation.walk` does, unless the same was walked in this process.
 
-    The same are inputs, classes with the values that they use, and files. A mapping as the controller is its
-    section. Inputs that cannot be pickled are walked every time.
+    The same are inputs, classes with the values that they use, and files. A mapping as controller or planner
+    is its section. Inputs that cannot be pickled are walked every time.
 
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
@@ -107,15 +107,16 @@ def walk_once(
 
     if isinstance(controller, Mapping):
         sections, controller = {**sections, "controller": controller}, None
+    if isinstance(planner, Mapping):
+        sections, planner = {**sections, "planner": planner}, None
     request = load_request(source, sections=sections)
     run, name = request.run, request.name
-    options = {"controller": controller, "planner": planner, "disturbances": list(disturbances)}
+    options = {"controller": controller, "planner": planner, "disturbances": disturbances}
     given = {"controller.name": controller, "gait.planner": planner}
     named = {key: text for key, text in given.items() if isinstance(text, str)}
-    files = [Path(text) for text in named.values()]
     try:
         key = pickled((name, run, run.given, options, added_metrics(), own_classes(run.replace(named))))
-        key += identity([run, files]).encode()
+        key += identity([run, *map(Path, named.values())]).encode()
     except Exception:  # of the user's objects
         return walk(run, name=name, **options)
     if key not in _walks:
@@ -130,9 +131,11 @@ def _title(trial: Trial) -> str:
 
 def _saved(item: pytest.Item, trials: Sequence[Trial]) -> Iterator[str]:
     """Save the walks of a failed test; a line on each."""
-    test = re.sub(r"[^\w.=-]+", "-", item.nodeid).strip("-")
+    place = item.stash[_PLACE] / re.sub(r"[^\w.=-]+", "-", item.nodeid).strip("-")
+    while place.exists():  # of a test with another of these signs, or its first try
+        place = place.with_name(f"{place.name}+")
     for number, trial in enumerate(trials):
-        folder = item.stash[_PLACE] / test / f"{number}-{trial.planned.name}"
+        folder = place / f"{number}-{trial.planned.name}"
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of libraries that draw
