@@ -67,13 +67,14 @@ class Metric:
     section: str = ""
 
     def __post_init__(self) -> None:
-        """Complete the label; refuse a bad name, an unknown kind or nature, a tolerance of no number."""
+        """Complete the label; refuse a bad name, an unknown kind, nature or unit, a bad tolerance."""
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise InputError(f"metric name {self.name!r} is not an identifier; use letters, digits and '_'.")
         object.__setattr__(self, "label", self.label or self.name.replace("_", " "))
-        for what, value, known in (("kind", self.kind, _KINDS), ("nature", self.nature, _NATURES)):
-            if value not in known:
-                raise unknown(value, known, f"{what} of the metric '{self.name}'")
+        units = "", self.unit, *(size for size, _ in SIZES.values())
+        for what, known in (("kind", _KINDS), ("nature", _NATURES), ("tolerance_unit", units)):
+            if (value := getattr(self, what)) not in known:
+                raise unknown(value, filter(None, known), f"{what} of the metric '{self.name}'")
         if not isinstance(self.tolerances, Mapping):
             raise InputError(
                 f"metric '{self.name}' has the tolerances {self.tolerances!r}; "
@@ -81,9 +82,7 @@ class Metric:
             )
         for limit in self.tolerances.values():
             if not isinstance(limit, Real) or not math.isfinite(limit) or limit < 0.0:
-                raise InputError(
-                    f"metric '{self.name}' has the tolerance {limit!r}; give a number, 0 or more."
-                )
+                raise InputError(f"metric '{self.name}' has the tolerance {limit!r}; give a number from 0.")
 
     @property
     def column(self) -> str:
@@ -143,9 +142,7 @@ def register(metric: Metric) -> Metric:
     if metric.label in (item.label for item in _BUILT_IN.values()):
         raise InputError(f"metric '{metric.label}' exists; choose another label.")
     if metric.section:
-        raise InputError(
-            f"metric '{metric.name}' has a section, which only built-in ones have; leave it out."
-        )
+        raise InputError(f"metric '{metric.name}' has a section, as only built-in ones have; leave it out.")
     if metric.tolerances and not metric.reason:
         raise InputError(f"metric '{metric.name}' has a tolerance without a reason; give the reason.")
     _ADDED[metric.name] = metric
