@@ -10,7 +10,7 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.files import quoted
-from ampm.parameters import RunParameters
+from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import SIGNALS, compare
@@ -75,6 +75,8 @@ def judge_log(
         if given is not None and not np.isfinite(given).all():
             raise InputError(f"{name} {given} must be finite; leave it out to find it.")
     request = _request(plan, settings)
+    if request.run.gait.planner == NO_PLAN:
+        raise InputError("a log is judged by a plan, and planner none makes none; give another one (--plan).")
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
