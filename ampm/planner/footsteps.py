@@ -108,9 +108,7 @@ def solve_within_limits(problem: Problem, sole: SoleGeometry) -> Solution:
 def check_footsteps(footsteps: Sequence[Footstep]) -> None:
     """Refuse a list that is not a walk."""
     if len(footsteps) < 3:
-        raise InputError(
-            f"a walk takes at least 3 footsteps, not {len(footsteps)}: both feet at first, then steps."
-        )
+        raise InputError(f"a walk takes at least 3 footsteps, not {len(footsteps)}: both feet, then steps.")
     for number, (here, ahead) in enumerate(pairwise(footsteps), start=2):
         if here.foot == ahead.foot:
             raise InputError(

@@ -66,9 +66,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
         InputError: a column is missing, or a row has a value that makes no plan.
     """
     for column, meant in misspelt(table, _NAMES):
-        raise InputError(
-            f"the table's column {column!r} is not read; did you mean {meant!r}? Rename one of them."
-        )
+        raise InputError(f"the table's column {column!r} is not read; did you mean {meant!r}? Rename one.")
     if "foot" in table and "stance" not in table:
         raise InputError("the table has a column 'foot', as footsteps have; --footsteps walks them.")
     time = _numbers(table, "time")

@@ -153,9 +153,7 @@ class WalkOptions:
         if self.command is not None:
             parts = self.command.split(",")
             if len(parts) != 3:
-                raise InputError(
-                    f"--command {self.command} must be three numbers VX,VY,WZ, for example 0.5,0,0."
-                )
+                raise InputError(f"--command {self.command} must be three numbers VX,VY,WZ, such as 0.5,0,0.")
             found += [f"command.{key}={part}" for key, part in zip(("vx", "vy", "wz"), parts, strict=True)]
         return with_short(found, steps=steps, **short)
 

@@ -105,9 +105,7 @@ def load_object(option: str, text: str) -> Any:
         return SENT[text]
     module, colon, name = text.partition(":")
     if not (module and colon and name) or module.endswith(".py"):
-        raise InputError(
-            f"{option} {text!r} must be MODULE:NAME without .py, for example mine:Name of mine.py."
-        )
+        raise InputError(f"{option} {text!r} must be MODULE:NAME without .py, for example mine:Name.")
     if "<" in name:
         raise InputError(
             f"{option} {text!r} was given in Python and cannot be imported again; walk it there, or make it "
