@@ -35,11 +35,9 @@ def run(pytester, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("COUNT", str(pytester.path / "count"))
 
-    def call(text, *args):
+    def call(text, *arguments):
         pytester.makepyfile(FILE + text)
-        return pytester.runpytest_subprocess(
-            "-p", "validation.pytest_plugin", "-p", "no:cacheprovider", *args
-        )
+        return pytester.runpytest_subprocess("-p", "validation.pytest_plugin", *arguments)
 
     return call
 
