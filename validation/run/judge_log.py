@@ -76,7 +76,9 @@ def judge_log(
             raise InputError(f"{name} {given} must be finite; leave it out to find it.")
     request = _request(plan, settings)
     if request.run.gait.planner == NO_PLAN:
-        raise InputError("a log is judged by a plan, and planner none makes none; give another one (--plan).")
+        raise InputError(
+            "planner none makes no plan for a log; leave out gait.planner, or give another --plan."
+        )
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
