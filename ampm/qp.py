@@ -4,7 +4,6 @@ A :class:`QPSolver` keeps its workspace between calls: the sparsity pattern is f
 call only passes new numbers. It has no time limit: the same numbers give the same answer.
 """
 
-import enum
 import math
 import time
 from dataclasses import dataclass
@@ -19,23 +18,9 @@ from ampm.compiled import bound, compiled, refer
 from ampm.exceptions import SolverError
 from ampm.geometry import Array
 
-
-class QPStatus(enum.IntEnum):
-    """How a QP ended."""
-
-    SOLVED = 0
-    UNSOLVED = 1
-    INFEASIBLE = 2
-
-
-_OSQP_STATUS = {
-    int(osqp.SolverStatus.OSQP_SOLVED): QPStatus.SOLVED,
-    int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE): QPStatus.UNSOLVED,
-    int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED): QPStatus.UNSOLVED,
-}
-"""All others are certificates of infeasibility."""
-
-_INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
+_SOLVED, _INTERRUPTED = int(osqp.SolverStatus.OSQP_SOLVED), int(osqp.SolverStatus.OSQP_SIGINT)
+_STOPPED = int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE), int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
+"""Iterations used up; what is neither solved nor stopped is a certificate of infeasibility."""
 _INFINITY = 1e30  # of OSQP
 
 
@@ -52,16 +37,11 @@ class QPProblem(NamedTuple):
 class QPSolution(NamedTuple):
     """Answer of one solve."""
 
-    x: Array  # minimiser, or the last iterate if unsolved; meaningless if infeasible, shape (n,)
-    status: QPStatus  # solved, unsolved (iterations used up, or not finite) or infeasible
+    x: Array  # minimiser, or the last iterate if unsolved; NaN if infeasible, shape (n,)
+    solved: bool  # whether the solver met its tolerance
     residual: float  # bound of the violation of `l <= A x <= u`, in the rows' own units
     iterations: int  # of the solver
     seconds: float  # wall-clock time of update and solve [s]; for statistics only
-
-    @property
-    def solved(self) -> bool:
-        """Whether the solver met its tolerance."""
-        return self.status == QPStatus.SOLVED
 
 
 @dataclass(frozen=True)
@@ -147,8 +127,7 @@ class QPSolver:
         start, q = time.perf_counter(), self.problem.q
         gap = self._gather()
         if gap > 0.0:  # OSQP would keep the last bounds and solve with those
-            no_point = np.full(len(q), np.nan)
-            return QPSolution(no_point, QPStatus.INFEASIBLE, gap, 0, time.perf_counter() - start)
+            return QPSolution(np.full(len(q), np.nan), False, gap, 0, time.perf_counter() - start)
         solver = self._solver
         if solver is None:
             solver = self._solver = self._setup()
@@ -160,19 +139,20 @@ class QPSolver:
         x = solver.solution.x  # a copy of the solver's
         seconds = time.perf_counter() - start
         info = solver.info
-        code = info.status_val
-        status, residual = _OSQP_STATUS.get(code, QPStatus.INFEASIBLE), float(info.prim_res)
-        if status is not QPStatus.INFEASIBLE and not math.isfinite(x.dot(x)):
-            status = QPStatus.UNSOLVED  # OSQP calls a problem with a NaN solved
-            residual = math.inf
+        code, residual = info.status_val, float(info.prim_res)
+        if code == _INTERRUPTED:
             self._solver = None
-        if status is QPStatus.INFEASIBLE:
+            raise KeyboardInterrupt  # OSQP catches the signal itself
+        if code != _SOLVED and code not in _STOPPED:
+            x[:] = math.nan
+        elif not math.isfinite(x.dot(x)):  # OSQP calls a problem with a NaN solved
+            residual = math.inf
+        finite = math.isfinite(x.dot(x))
+        if not finite:
             self._solver = None  # its iterates must not warm-start the next solve
         elif info.rho_updates:  # a penalty that suits one hard problem slows down all that follow
             solver.update_rho(self._settings.rho)
-        if code == _INTERRUPTED:
-            raise KeyboardInterrupt  # OSQP catches the signal itself
-        return QPSolution(x, status, residual, int(info.iter), seconds)
+        return QPSolution(x, finite and code == _SOLVED, residual, int(info.iter), seconds)
 
     def _setup(self) -> Any:
         """OSQP's compiled solver with the gathered values; its wrapper takes longer than a small solve."""

@@ -74,7 +74,7 @@ def test_wanted_wrench_is_given_where_it_can_be(seed):
     phi[:, 6:8] = 0.02 * rng.normal(size=(2, 2))
     wanted = wrench @ phi.ravel()
     fill(qp, points, wanted, phi.ravel())
-    solution = qp.solve()
+    solution = qp.solver.solve()
     assert solution.solved
     got = wrench @ solution.x[:FORCES]
     np.testing.assert_allclose(got[:5], wanted[:5], atol=5e-4)
@@ -87,7 +87,7 @@ def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed):
     qp, slack = contact_qp(1e-6), 1e-5
     for _ in range(5):
         fill(qp, soles(arm, opening), UPRIGHT + rng.normal(size=6))
-        solution = qp.solve()
+        solution = qp.solver.solve()
         assert solution.solved
         for foot, phi in enumerate(solution.x[:FORCES].reshape(2, FOOT)):
             normal, total = phi[:POINTS], phi[:POINTS].sum()

@@ -9,7 +9,7 @@ import numpy as np
 import osqp
 import pytest
 
-from ampm.qp import QPProblem, QPSettings, QPSolver, QPStatus
+from ampm.qp import QPProblem, QPSettings, QPSolver
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
 N, M, EQUALITIES = 12, 16, 3
@@ -52,7 +52,7 @@ def test_known_solutions():
     for seed in range(20):
         P, q, A, lower, upper, x = problem(seed)
         solution = solver(P, q, A, lower, upper)
-        assert (solution.status, solution.solved) == (QPStatus.SOLVED, True)
+        assert solution.solved
         np.testing.assert_allclose(solution.x, x, atol=1e-6)
         assert solution.residual < 1e-6
         assert solution.seconds > 0.0
@@ -66,7 +66,8 @@ def test_contradicting_bounds_are_infeasible(used):
     if used:
         assert solver(P, q, A, np.ones(2), np.ones(2)).solved
     solution = solver(P, q, A, np.array([2.0, 0.0]), np.array([1.0, 1.0]))
-    assert solution.status == QPStatus.INFEASIBLE
+    assert not solution.solved
+    assert np.isnan(solution.x).all()
     assert solution.residual > 0.0
     assert solver(P, q, A, np.ones(2), np.ones(2)).solved
 
@@ -74,7 +75,7 @@ def test_contradicting_bounds_are_infeasible(used):
 def test_running_out_of_iterations_gives_the_last_iterate():
     solver = solver_of(QPSettings(tolerance=1e-12, max_iterations=10))
     solution = solver(*problem(3)[:5])
-    assert (solution.status, solution.solved) == (QPStatus.UNSOLVED, False)
+    assert not solution.solved
     assert np.isfinite(solution.x).all()
     assert solution.iterations == 10
 
@@ -86,7 +87,7 @@ def test_a_nan_is_not_a_solution(used):
     if used:
         solver(P, q, A, lower, upper)
     solution = solver(P, q * np.nan, A, lower, upper)
-    assert solution.status == QPStatus.UNSOLVED
+    assert not solution.solved
     assert solution.residual == math.inf
     np.testing.assert_allclose(solver(P, q, A, lower, upper).x, x, atol=1e-6)
 

@@ -26,7 +26,7 @@ from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
 from ampm.geometry import Array
 from ampm.linear import add_combination, substitute, triangular
-from ampm.qp import QPProblem, QPSettings, QPSolution, QPSolver
+from ampm.qp import QPProblem, QPSettings, QPSolver
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over
@@ -141,7 +141,7 @@ def fill_qp(
 
 
 class ContactQP:
-    """The QP in the contact forces: its matrices, and its solver.
+    """The QP in the contact forces, then six slacks: its matrices, which :func:`fill_qp` fills, and solver.
 
     Args:
         settings: of the solver.
@@ -187,7 +187,3 @@ class ContactQP:
         for x, y, twist in self._tangents.reshape(-1, 3):
             mask[[0, 4, 5], x] = mask[[1, 3, 5], y] = mask[3:6, twist] = True
         return mask
-
-    def solve(self) -> QPSolution:
-        """Solve what :func:`fill_qp` filled in: first the forces, then six slacks."""
-        return self.solver.solve()

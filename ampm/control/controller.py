@@ -21,7 +21,7 @@ from ampm.control.tick import finish_tick, keep_tick, prepare_qp, update_torques
 from ampm.control.workspace import make_workspace
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.qp import QPSettings, QPSolution, QPStatus
+from ampm.qp import QPSettings, QPSolution
 from ampm.reference import reference_type
 from ampm.stepping.tracker import SteppedTick, StepTracker
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
@@ -113,7 +113,7 @@ class TrackingController:
         if self._prepare is None:
             self._prepare = bound(prepare_qp, (self._handle,), stepper, 0.0, 0.0, True)
         if self._prepare(stepper, state.velocity_lag, touch.age, first):
-            solution, status = self.contact_qp.solve(), SOLVED
+            solution, status = self.contact_qp.solver.solve(), SOLVED
             if solution.solved:
                 work.contact.solution[:] = solution.x[: self.contact_qp.forces]
             else:
@@ -142,7 +142,7 @@ class TrackingController:
 
         The accelerations follow the dynamics in any case.
         """
-        if solution.status != QPStatus.INFEASIBLE and np.isfinite(solution.x).all():
+        if np.isfinite(solution.x).all():
             return solution.x[: self.contact_qp.forces]
         work = self.workspace
         return without_closed(work.body.points, work.contact.forces)
@@ -157,7 +157,7 @@ class TrackingController:
         if not np.isfinite(work.joints.torque).all():
             work.joints.torque[:] = 0.0
         self._keep(work.wanted.jumps[0], self._first)
-        return QPSolution(work.contact.solution, QPStatus.UNSOLVED, math.inf, 0, 0.0)
+        return QPSolution(work.contact.solution, False, math.inf, 0, 0.0)
 
     def _solve_limited(self, solution: QPSolution, status: int) -> tuple[QPSolution, int]:
         """Solve the whole problem again, with the limits of torque and joint range as constraints.
@@ -185,7 +185,7 @@ class TrackingController:
         self._keep(work.wanted.jumps[0], self._first)
         both = QPSolution(
             limited.x,
-            limited.status,
+            limited.solved,
             max(solution.residual, limited.residual),
             solution.iterations + limited.iterations,
             solution.seconds + limited.seconds,
