@@ -18,12 +18,12 @@ from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
 from ampm.control.limited_qp import LimitedQP, acceleration_bounds
 from ampm.control.tick import finish_tick, keep_tick, prepare_qp, update_torques
-from ampm.control.workspace import make_workspace
+from ampm.control.workspace import SteppingState, make_workspace
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.qp import QPSettings, QPSolution
 from ampm.reference import reference_type
-from ampm.stepping.tracker import SteppedTick, StepTracker
+from ampm.stepping.tracker import StepTracker
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
 
 _END_SOFTNESS = 1e-2  # softness of the task of a toe at the end of its range
@@ -72,7 +72,7 @@ class TrackingController:
         return None if self._first else self.workspace.motion.last_acceleration
 
     @property
-    def stepped(self) -> SteppedTick | None:
+    def stepped(self) -> SteppingState | None:
         """State of the stepping stabiliser before the last tick; None on the plan, and without it."""
         return None if self._tracker is None else self._tracker.stepped
 

@@ -8,7 +8,7 @@ other; the swing foot's path moves to where the next step must be (:mod:`ampm.st
 
 import bisect
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,14 +32,6 @@ STILL = 0.05
 """Speed up to which a COM is at rest [m/s]."""
 
 
-class SteppedTick(NamedTuple):
-    """State of a walk off its plan, before the state of this tick is sensed."""
-
-    time: float  # on the walk's clock [s]
-    phase: int  # its number in the plan; after its end the numbers go on
-    state: Any  # a `SteppingState`, as an entry of its table
-
-
 class StepTracker:
     """The Python part of the stepping stabiliser: which phase it is, and the phase's tables.
 
@@ -56,7 +48,7 @@ class StepTracker:
         stepped: state of this tick off the plan, before the body's was sensed; None on the plan.
     """
 
-    stepped: SteppedTick | None = None
+    stepped: SteppingState | None = None
 
     def __init__(self, plan: WalkPlan, timing: Timing, robot: Robot, workspace: Workspace) -> None:
         self.plan, self._timing, self._workspace = plan, timing, workspace
@@ -100,7 +92,8 @@ class StepTracker:
         if self._off_plan[0]:
             if self._loaded != self._index:
                 self._load()
-            self.stepped = SteppedTick(time, self._index, self._stepper.state[0].copy())
+            self._state.time, self._state.phase = time, self._index
+            self.stepped = self._stepper.state[0].copy()
         else:
             self.stepped = None
             if time + 1e-9 >= self._next:

@@ -6,7 +6,6 @@ compared with the plan as it stood at t - lead.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -18,7 +17,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.newton import ALLOWED, check_newton, zmp_of_com
-from ampm.stepping.tracker import CYCLE, STILL, SteppedTick
+from ampm.stepping.tracker import CYCLE, STILL
 from ampm.walk import WalkPlan
 
 SAME = 1e-9  # time before an instant that counts as the instant [s]
@@ -129,18 +128,18 @@ class Followed:
     """The plans that a walk followed, one after another.
 
     A plan holds from the tick after it was made. Off its plan, the stabiliser that steps has planned each
-    tick before it sensed the state of this tick, see :class:`Stepped`.
+    tick before it sensed the state of this tick.
     """
 
     plans: tuple[FrozenPlan, ...]  # of the planner, the first one first
     since: tuple[float, ...] = (0.0,)  # first tick of each of them [s]
-    stepped: Stepped | None = None  # states of the stabiliser; None if it never stepped off the plan
+    stepped: Any = ()  # states of the stabiliser off the plan, entries of `SteppingState`, shape (N,)
     tick: float = 0.0  # control period [s]
 
     @property
     def moved(self) -> bool:
         """Whether there was any plan after the first one."""
-        return len(self.plans) > 1 or self.stepped is not None
+        return len(self.plans) > 1 or len(self.stepped) > 0
 
     @property
     def lead(self) -> float:
@@ -151,15 +150,16 @@ class Followed:
     def changes(self) -> int:
         """Number of plans after the first one; the stabiliser's counts once each time that it leaves."""
         left = 0
-        if self.stepped is not None:
-            left = 1 + int(np.count_nonzero(np.diff(self.stepped.time) > 1.5 * self.tick))
+        if len(self.stepped):
+            left = 1 + int(np.count_nonzero(np.diff(self.stepped["time"]) > 1.5 * self.tick))
         return len(self.plans) - 1 + left
 
     def numbers(self, times: Array) -> NDArray[np.int32]:
         """Number of the plan valid at times, 0 the first one, :data:`STEPPING` the stabiliser's; (N,)."""
         number = self.planner(times)
-        if self.stepped is not None:
-            ticks, row = self.stepped.time, self.stepped.tick_of(times)
+        if len(self.stepped):
+            ticks = self.stepped["time"]
+            row = _last(ticks, times)
             number[(row >= 0) & (times + SAME < ticks[row] + self.tick)] = STEPPING
         return number.astype(np.int32)
 
@@ -174,55 +174,32 @@ class Followed:
         parts = []
         for start, end in pairwise([0, *changes.tolist(), len(times)]):
             plan = self.plans[planner[start] if end > start else 0]
-            if self.stepped is not None and end > start and number[start] == STEPPING:
-                parts.append(self.stepped.at(times[start:end], made[start:end], plan))
+            if end > start and number[start] == STEPPING:
+                parts.append(self._stepping(times[start:end], made[start:end], plan))
             else:
                 parts.append(plan.rows.at(times[start:end]))
         return PlanRows.joined(parts)
 
     def planner(self, times: Array) -> NDArray[np.intp]:
         """Number of the planner's last plan at times, shape (N,)."""
-        return np.searchsorted(self.since, times + SAME, side="right") - 1
+        return _last(np.array(self.since), times)
 
+    def _stepping(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
+        """The stabiliser's plan at ``times``, as it was at the last tick up to ``made``, both (M,) [s].
 
-@dataclass(frozen=True)
-class Stepped:
-    """States of the stabiliser at N ticks off its plan, and what it had planned for each before it sensed.
-
-    It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the swing
-    foot on its way to the step that was chosen last; after that the next phases, moved with the feet that
-    then stand. Nothing in it follows the COM: the reference that the controller tracks
-    (:func:`ampm.stepping.walker.advance`) lets the COM's error fade and gives another acceleration.
-    """
-
-    time: Array  # of the ticks [s], shape (N,)
-    index: NDArray[np.intp]  # phase of the plan; after its end the numbers go on, shape (N,)
-    walker: Any  # see entries of `SteppingState`, shape (N,)
-
-    @classmethod
-    def of(cls, ticks: Sequence[SteppedTick]) -> Stepped | None:
-        """Ticks as arrays; None if there are none."""
-        if not ticks:
-            return None
-        time, index, walker = zip(*ticks, strict=True)
-        return cls(np.array(time), np.array(index), np.array(walker))
-
-    def tick_of(self, times: Array) -> NDArray[np.intp]:
-        """Last tick up to every time, -1 before the first one, shape (M,)."""
-        return np.searchsorted(self.time, times + SAME, side="right") - 1
-
-    def at(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
-        """The plan at ``times``, as it was at the last tick up to ``made``, both of shape (M,) [s].
-
-        A plan that walks on repeats its last two steps after its end. No support is planned.
+        It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the
+        swing foot on its way to the step that was chosen last; after that the next phases, moved with the
+        feet that then stand. Nothing in it follows the COM: the reference that the controller tracks
+        (:func:`ampm.stepping.walker.advance`) lets the COM's error fade and gives another acceleration. A
+        plan that walks on repeats its last two steps after its end. No support is planned.
         """
-        tick, contacts = self.tick_of(made), frozen.plan.contacts
-        walker, every = self.walker[tick], np.arange(len(times))
-        index, left = self.index[tick], times - self.time[tick]
+        contacts, every = frozen.plan.contacts, np.arange(len(times))
+        state = self.stepped[_last(self.stepped["time"], made)]
+        index, left = state["phase"].copy(), times - state["time"]
         single, stance, clock, rate, duration, step, shift = (
-            walker[name].copy() for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
+            state[name].copy() for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
         )
-        swing, begun = walker["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
+        swing, begun = state["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
         phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
         goes_on = np.abs(frozen.rows.com_velocity[-1]).max() > STILL
         over = every[:0]  # those whose next phase has begun
@@ -261,10 +238,10 @@ class Stepped:
         ahead[every, 1 - stance] = np.where(single[:, None], target, new)[:, :2]
         plan, on_floor = frozen.plan, columns["feet"].reshape(-1, 2, 3) + feet + repeated[:, None]
         heading = columns["headings"][every, stance]
-        com = columns["com"] + base + np.pad(walker["height"][:, :1], ((0, 0), (2, 0)))
+        com = columns["com"] + base + np.pad(state["height"][:, :1], ((0, 0), (2, 0)))
         velocity = rate[:, None] * columns["com_velocity"] + speed
         com[:, 2] += repeated[:, 2] - base[:, 2]
-        velocity[:, 2] += walker["height"][:, 1] - speed[:, 2]
+        velocity[:, 2] += state["height"][:, 1] - speed[:, 2]
         omega = np.sqrt(plan.gravity / plan.com_height)
         moved = {
             "time": times.copy(),
@@ -292,3 +269,8 @@ def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:
     target = shift[np.arange(len(shift)), stance]
     target[:, :2] += step
     return target
+
+
+def _last(instants: Array, times: Array) -> NDArray[np.intp]:
+    """Last of some ascending instants up to every time, -1 before the first one, shape (M,)."""
+    return np.searchsorted(instants, times + SAME, side="right") - 1

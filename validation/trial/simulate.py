@@ -17,6 +17,7 @@ import numpy as np
 
 from ampm.compiled import bound
 from ampm.control.controller import TrackingController
+from ampm.control.workspace import SteppingState
 from ampm.exceptions import InputError, SolverError, words_of
 from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, DisturbanceParameters, RunParameters
@@ -24,10 +25,9 @@ from ampm.planners import StandingPlanner
 from ampm.reference import Reference
 from ampm.sensor_parameters import EXACT
 from ampm.sensors.readings import Estimator
-from ampm.stepping.tracker import SteppedTick
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, Controller, ControllerFactory, ControlOutput, State, Touch
 from validation.trial.disturbances import Disturbance, MotorFaults, Plant, Push, pushes_of, release
-from validation.trial.followed import Followed, Stepped
+from validation.trial.followed import Followed
 from validation.trial.log import RunLog, act, end_step, sense
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
@@ -95,7 +95,7 @@ def simulate(
         forces_of(run, disturbances, record.outcome.time)
     tick = physics.substeps * physics.time_step
     since = tuple(first * tick for first in course.since)
-    followed = Followed(tuple(course.plans), since, Stepped.of(loop.stepped), tick)
+    followed = Followed(tuple(course.plans), since, np.array(loop.stepped), tick)
     outcome, ours = record.outcome, make_controller is TrackingController
     if plan.command is not None:
         outcome = replace(outcome, steps_completed=measured_supports(record)[1])
@@ -222,7 +222,7 @@ class ClosedLoop:
             self.plant.segment(segment)  # refused before the walk, the run's also without a force
         self.physics, self.controller, self.course = physics, controller, course
         self.users_code = UsersCode("controller", controller, walking=True)
-        self.done, self.stepped = 0, list[SteppedTick]()
+        self.done, self.stepped = 0, list[SteppingState]()
         robot, fault = physics.robot, run.disturbance
         self.faults = MotorFaults(run, robot.nu) if fault.actuation_delay or fault.torque_bias else None
         self.log = RunLog(course.total, physics)
