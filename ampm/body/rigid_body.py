@@ -342,31 +342,19 @@ def task_drift(tree: Records, link: Records, soles: Records, v: Array, now: Arra
 
 
 @compiled
-def joint_torques(
-    tree: Records,
-    armature: Array,
-    link: Records,
-    v: Array,
-    qdd: Array,
-    gravity: float,
-    points: Records,
-    forces: Array,
-    torque: Array,
-) -> None:
+def joint_torques(body: Any, v: Array, qdd: Array, forces: Array, torque: Array) -> None:
     """Torques of the hinges for accelerations and forces on points of the links.
 
     Args:
-        tree: of the body.
-        armature: of every coordinate, shape (nv,) [kg m^2].
-        link: placed, with its inertia; its motion and forces are overwritten.
+        body: placed, with its inertia, see :class:`ampm.control.workspace.PlacedBody`; motion and forces of
+            its links are overwritten.
         v: shape (nv,).
         qdd: shape (nv,).
-        gravity: [m/s^2].
-        points: frames at which the forces act.
-        forces: on the body, in axes of the world, shape (P, 3) [N].
-        torque: shape (nv - 6,) [N m].
+        forces: on its points, in axes of the world, shape (P, 3) [N].
+        torque: written, shape (nv - 6,) [N m].
     """
-    move_links(tree, v, qdd, gravity, link)
+    tree, link, points = body.tree, body.link, body.points
+    move_links(tree, v, qdd, body.gravity, link)
     start_forces(tree, link)
     for i in range(len(points)):
         here, force, point = link[points[i].joint], vector(forces[i]), place_of(link, points[i])
@@ -376,7 +364,7 @@ def joint_torques(
     for i in range(1, len(tree)):
         here = link[i]
         about = minus(vector(here.moment), cross(vector(here.place), vector(here.force)))
-        torque[i - 1] = dot(vector(here.axis), about) + armature[5 + i] * qdd[5 + i]
+        torque[i - 1] = dot(vector(here.axis), about) + body.armature[5 + i] * qdd[5 + i]
 
 
 @compiled

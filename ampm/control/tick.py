@@ -205,8 +205,7 @@ def update_torques(work: Workspace) -> None:
     """Write the torques of the accelerations under the contact forces, and what passive joints take."""
     body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
     point_forces(body.points, contact.solution, body.mass * body.gravity, contact.point_force)
-    v, qdd, forces = work.sensed.v, motion.acceleration, contact.point_force
-    joint_torques(body.tree, body.armature, body.link, v, qdd, body.gravity, body.points, forces, torque)
+    joint_torques(body, work.sensed.v, motion.acceleration, contact.point_force, torque)
     torque += motion.passive_torque
 
 
