@@ -80,6 +80,7 @@ class Filter(NamedTuple):
     soles: Any  # :class:`~ampm.sensors.soles.Soles`
     commanded: Array  # accelerations of the last N ticks, latest last, (N, nv) [m/s^2, rad/s^2]
     begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]
+    read: Annotated[Array, (1,)]  # time of the last readings [s]
     tree: Any  # of the body
     points: Any  # frames of the sole points
     wrenches: bool  # whether force and contact are those that the wrenches of the feet give
@@ -94,15 +95,12 @@ class Filter(NamedTuple):
 
 
 @compiled
-def update(
-    f: Filter, commanded: Array, last: float, now: float, age: float, has_fix: bool, q: Array, v: Array
-) -> None:
+def update(f: Filter, commanded: Array, now: float, age: float, has_fix: bool, q: Array, v: Array) -> None:
     """Take in the readings of a tick, and go on from them to the tick.
 
     Args:
         f: with the readings.
         commanded: accelerations since the tick before, (nv,) [m/s^2, rad/s^2].
-        last: time of the readings before [s].
         now: time of the tick [s].
         age: of the readings [s].
         has_fix: whether the position was read.
@@ -113,9 +111,11 @@ def update(
     f.commanded[-1] = commanded
     f.begin[:-1] = f.begin[1:]
     f.begin[-1] = now
+    last = f.read[0]
     period = now - age - last if now - age - last > CLOCK else 0.0
     if period > 0.0:
         predict(f, last, period)
+    f.read[0] = now - age
     f.gyro_before[:] = f.gyro
     correct(f, period, has_fix)
     q[:] = f.q

@@ -100,7 +100,7 @@ class Kalman:
         )
         self._q, self._v, self._none = np.array(start.q), np.array(start.v), np.zeros(robot.nv)
         handle = refer(f)
-        self._update = bound(update, (handle,), self._none, 0.0, 0.0, 0.0, True, self._q, self._v)
+        self._update = bound(update, (handle,), self._none, 0.0, 0.0, True, self._q, self._v)
         self._turn_root = bound(turn_root, (handle,), ZERO)
         self._constant = np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)]
         self._start = start_errors**2
@@ -120,15 +120,14 @@ class Kalman:
         kept[found] = f.covariance[found]
         f.covariance[:] = kept
         f.loaded[:], f.touched[:] = False, True
-        f.commanded[:], f.begin[:] = 0.0, start.time
-        self._tick = self._read = start.time
+        f.commanded[:], f.begin[:], f.read[0] = 0.0, start.time, start.time
 
     def update(self, readings: Readings, commanded: Array | None) -> tuple[State, Touch]:
         """See :class:`~ampm.sensors.readings.Estimator`."""
         f, now, age, fix = self.filter, readings.time, readings.age, readings.position
         if commanded is None:
             commanded = self._none
-            if now > self._tick:
+            if now > f.begin[-1]:
                 f.joint_error[:] = _NOT_COMMANDED
         f.angles[:], f.rates[:], f.gyro[:] = readings.angles, readings.rates, readings.gyro
         f.accelerometer[:] = readings.accelerometer
@@ -137,8 +136,7 @@ class Kalman:
             f.soles.wrench[:] = readings.wrench
         if fix is not None:
             f.position[:] = fix
-        self._update(commanded, self._read, now, age, fix is not None, self._q, self._v)
-        self._tick, self._read = now, now - age
+        self._update(commanded, now, age, fix is not None, self._q, self._v)
         touch = Touch(f.contact, f.force, 2.0 * f.lag + age, self._threshold)
         return State(now, self._q, self._v, f.lag), touch
 
