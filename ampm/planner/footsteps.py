@@ -225,8 +225,8 @@ def _single_phase(start: float, k: int, solved: Solution) -> CentroidalPhase:
     root = np.sqrt(np.abs(rate))
     even, odd = solution(rate, (state[0] - place) @ axes - moved, state[1] @ axes / root, 0.5 * duration)
     columns = rate, zmp_slope, slope, np.full(2, duration), even, odd / root, (zmp_slope - 1.0) * moved
-    x, y = (AffineLaw(*law) for law in np.array(columns).T.tolist())
-    return _phase(start, duration, place + axes @ moved, axes, x, y, state[2], problem.weight)
+    laws = [AffineLaw(*law) for law in np.array(columns).T.tolist()]
+    return _phase(start, duration, place + axes @ moved, axes, laws, state[2], problem.weight)
 
 
 def _blend_phase(
@@ -240,20 +240,21 @@ def _blend_phase(
     position, velocity = (state[0] - origin) @ axes, state[1] @ axes
     point, arm = (signal[:, 0] - origin) @ axes, signal[:, 1] @ axes
     w, columns = problem.frequency, np.stack([rate, position, velocity]).T.tolist()
-    x, y = (
+    laws = [
         BlendLaw(w, k, duration, c, v, tuple(point[:, i].tolist()), tuple(arm[:, i].tolist()))
         for i, (k, c, v) in enumerate(columns)
-    )
-    return _phase(start, duration, origin, axes, x, y, state[2], problem.weight)
+    ]
+    return _phase(start, duration, origin, axes, laws, state[2], problem.weight)
 
 
 def _phase(
-    start: float, duration: float, origin: Array, axes: Array, x: Law, y: Law, J: Array, weight: float
+    start: float, duration: float, origin: Array, axes: Array, laws: Sequence[Law], J: Array, weight: float
 ) -> CentroidalPhase:
-    """A phase of two laws, with the angular momentum at its begin."""
+    """A phase of the laws along both axes, with the angular momentum at its begin."""
     momentum = float(weight * J[1]), float(-weight * J[0])
     heading = math.atan2(axes[1, 0], axes[0, 0])
-    return CentroidalPhase(start, duration, (float(origin[0]), float(origin[1])), x, y, momentum, heading)
+    place = float(origin[0]), float(origin[1])
+    return CentroidalPhase(start, duration, place, laws[0], laws[1], momentum, heading)
 
 
 def _stand_signal(solved: Solution, end: int) -> Array:
