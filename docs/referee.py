@@ -191,7 +191,7 @@ class Problem:
         q = [self.robot.mirror_q(at.q[-1], -way), *at.q, self.robot.mirror_q(at.q[0], way)]
         h = np.diff(np.concatenate([[tasks.time[-2] - tasks.time[-1]], tasks.time]))
         rate = [pin.difference(model, a, b) / dt for a, b, dt in zip(q, q[1:], h, strict=False)]
-        gaps = self.robot.shapes.gaps(at.q).distance
+        gaps = self.robot.gaps(at.q).distance
         values, found = [], []
         for k, place in enumerate(at.q):
             before, after = h[k], h[k + 1]
@@ -300,7 +300,7 @@ class Problem:
         nearer = np.zeros((1, nv))
         if slopes and gap < _NEAR:
             moved = np.array([pin.integrate(model, q, 1e-5 * direction) for direction in eye])
-            nearer = ((gap - robot.shapes.gaps(moved).distance) / 1e-5)[None]
+            nearer = ((gap - robot.gaps(moved).distance) / 1e-5)[None]
         at_most("gap [m]", np.array([-gap]), -self.clearance, nearer)
         term("", _SMOOTH * a, 0.0, 0.0, _SMOOTH * eye)
         term("", _POSTURE * np.append(pin.log3(pin.Quaternion(q[3:7]).matrix()), q[7:]), _POSTURE * eye[3:])

@@ -114,12 +114,11 @@ def test_a_part_of_one_side_counts_in_both_steps():
     plain = walk_of().robot
     right = plain.velocity_indices(("right_elbow_pitch",))[0] + 1
 
-    class Uneven:  # the right arm alone is near to something, where it is bent
-        def gaps(self, q):
-            return Gaps(0.5 - q[:, right], ("right",) * len(q), np.zeros((len(q), 2, 3)))
+    def uneven(q):  # the right arm alone is near to something, where it is bent
+        return Gaps(0.5 - q[:, right], ("right",) * len(q), np.zeros((len(q), 2, 3)))
 
     motion = motion_of(COARSE)
-    gaps = Robot(plain.model, plain.description, Uneven()).step_gaps(motion.q)
+    gaps = Robot(plain.model, plain.description, uneven).step_gaps(motion.q)
     two_steps = np.maximum(motion.q[:, right], plain.mirror_q(motion.q)[:, right])
     np.testing.assert_array_equal(gaps.distance, 0.5 - two_steps)
     assert (motion.q[:, right] < two_steps).any()

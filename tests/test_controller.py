@@ -29,7 +29,7 @@ def controller(*overrides, weaker=1.0):
     robot, run = walk_of(COARSE).robot, walk_of(COARSE, *overrides).run
     model = robot.model.copy()
     model.effortLimit = weaker * np.array(model.effortLimit)
-    return TrackingController(Robot(model, robot.description, robot.shapes), run)
+    return TrackingController(Robot(model, robot.description, robot.gaps), run)
 
 
 def state(time, shift=0.0):

@@ -184,7 +184,7 @@ class Careless(Bounce):
     def plan(self, run, robot):
         plan = super().plan(run, robot)
         robot.model.gravity.linear = np.zeros(3)
-        robot.shapes.boxes[0][:] = 0.0
+        robot.gaps.__self__.boxes[0][:] = 0.0
         return plan
 
 

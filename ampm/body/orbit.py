@@ -95,7 +95,7 @@ def start_across(steps: StepPlan, posture: PeriodicPosture, run: RunParameters) 
         longest, less_high = _LOST if lost[0].time else 0.0, f"{less}lower gait.com_height"
         reach = Limit(what, "s", longest, AT_MOST, "leg_too_short", less_high)
         check([(reach, COARSE_STEP * len(lost))])
-    gaps = robot.shapes.gaps(np.stack([q for q, _ in states]))
+    gaps = robot.gaps(np.stack([q for q, _ in states]))
     what = f"{across}{gaps.parts[k := int(gaps.distance.argmin())]} come too close: their distance"
     gap = Limit(what, "m", CLEARANCE, AT_LEAST, "self_collision", f"{less}raise gait.step_width")
     check([(gap, float(gaps.distance[k]))])

@@ -5,9 +5,9 @@ The ``pin.Model`` is an argument, so this module is independent of the simulator
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -53,21 +53,13 @@ class Gaps(NamedTuple):
     points: Array  # nearest points of both, in world, shape (T, 2, 3) [m]; NaN where nothing is near
 
 
-class BodyShapes(Protocol):
-    """Shapes of a body."""
-
-    def gaps(self, q: Array) -> Gaps:
-        """Parts that come closest at configurations (T, nq)."""
-        ...
-
-
 class Robot:
     """Indices and dynamics terms of one body.
 
     Args:
         model: free-flyer root first, one Pinocchio joint per hinge.
         description: names of joints, segments and frames.
-        shapes: of the body; the model's owner knows them.
+        gaps: parts that come closest at configurations (T, nq); the model's owner knows their shapes.
 
     Attributes:
         lower, upper: joint limits, shape (nu,) [rad].
@@ -79,8 +71,8 @@ class Robot:
         InputError: the description names a joint or frame that the model lacks.
     """
 
-    def __init__(self, model: pin.Model, description: BodyDescription, shapes: BodyShapes) -> None:
-        self.model, self.shapes = model, shapes
+    def __init__(self, model: pin.Model, description: BodyDescription, gaps: Callable[[Array], Gaps]) -> None:
+        self.model, self.gaps = model, gaps
         self.description = description
         self.data = model.createData()
         self.nq, self.nv = model.nq, model.nv
@@ -182,10 +174,10 @@ class Robot:
 
     def step_gaps(self, q: Array) -> Gaps:
         """Parts that come closest in a step (T, nq), or in its mirror image if the sides' shapes differ."""
-        gaps = self.shapes.gaps(q)
+        gaps = self.gaps(q)
         if not self._one_sided:
             return gaps
-        other = self.shapes.gaps(self.mirror_q(q))
+        other = self.gaps(self.mirror_q(q))
         nearer = other.distance < gaps.distance
         parts = np.where(nearer, other.parts, gaps.parts).tolist()
         points = np.where(nearer[:, None, None], other.points, gaps.points)
@@ -197,7 +189,7 @@ class Robot:
         low, high = np.clip((self.lower, self.upper), -1.0, 1.0)
         q = np.tile(pin.neutral(self.model), (16, 1))
         q[:, 7:] = low + (high - low) * np.random.default_rng(0).uniform(size=(len(q), self.nu))
-        distance = self.shapes.gaps(q).distance - self.shapes.gaps(self.mirror_q(q)).distance
+        distance = self.gaps(q).distance - self.gaps(self.mirror_q(q)).distance
         return bool(np.abs(distance).max() > 1e-3)
 
     def mirror_v(self, v: Array) -> Array:

@@ -273,7 +273,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
             configurations += [] if lost else [step.q[::2]]
             share[rows] = _shares(step, piece, int(stance[k]), robot)
         tilts[k] = tilt
-    gaps = robot.shapes.gaps(np.concatenate(configurations))
+    gaps = robot.gaps(np.concatenate(configurations))
     return _Followed(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
 
 

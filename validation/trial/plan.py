@@ -88,7 +88,7 @@ class Body(Brief):
 
         compiled = model.compile()
         shapes = shapes or Shapes(compiled, model.description.trunk_segment)
-        return cls(model, Robot(pinocchio_model(compiled), model.description, shapes), shapes)
+        return cls(model, Robot(pinocchio_model(compiled), model.description, shapes.gaps), shapes)
 
     def own_robot(self) -> Robot:
         """A new robot for a user's class, whose changes reach no other part of the walk."""
