@@ -22,6 +22,7 @@ from scipy.linalg import cho_factor, cho_solve
 from trials import DATA, read_rows, write_rows
 
 import validation as val
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, LIMITS
 from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
@@ -32,7 +33,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.tune import gait_limits
 from ampm.tune.first_gait import easy_gait
 from ampm.tune.free_choices import FreeChoices
-from ampm.tune.search import RoughOrbits
+from ampm.tune.search import rough_orbit
 from ampm.tune.tuning import tune
 from validation.judge.verdict import VerdictName
 from validation.study.sweep.design import load_sweep
@@ -413,7 +414,7 @@ def easy_motion(run: RunParameters, robot: Robot) -> Array:
     easy = tune(run.replace(easy_gait(run, robot.description)), robot, advise=False).run
     gait = easy.gait.model_copy(update={"steps": 2})
     plan = plan_steps(gait, easy.body.mass, easy.foot, robot.description.sole)
-    return RoughOrbits(robot, easy, NODES).solve(plan, easy).trajectory.q[:-1]
+    return rough_orbit(InverseKinematics(robot, easy), plan, easy, nodes=NODES).trajectory.q[:-1]
 
 
 def judged(

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.body.limits import LIMITS
 from ampm.exceptions import RefusedGait
 from ampm.parameters import KEYS, OPEN_KEYS
@@ -20,7 +21,7 @@ from ampm.tune import tuning
 from ampm.tune.first_gait import first_gait
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import plan_margins, shared_load, step_torques
-from ampm.tune.search import RoughOrbits
+from ampm.tune.search import rough_orbit
 from ampm.tune.tuning import NoFeasibleChoice, tune
 from ampm.tune.ways_out import ways_out
 from tests.test_body_files import TOML, URDF, write
@@ -125,7 +126,7 @@ def test_torques_give_the_accelerations_of_the_step_back():
     """Forward dynamics under torques and the one foot's ground force, against the inverse kinematics."""
     run, robot = body_of("gait.c_y=0.7", "gait.c_s=1.1", "gait.steps=2")
     plan = plan_of(run, robot)
-    orbit = RoughOrbits(robot, run, (12, 6)).solve(plan, run)
+    orbit = rough_orbit(InverseKinematics(robot, run), plan, run, nodes=(12, 6))
     torques, twist = step_torques(orbit.trajectory, orbit.reference.time, plan, robot)
     stance = int(robot.model.frames[robot.sole_frames[0]].parentJoint)
     for k in (1, 4, 8):

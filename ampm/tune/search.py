@@ -46,38 +46,33 @@ _LITTLE = 0.02  # share of the residuals' squares that is worth another step
 _PROGRESS = 0.8  # what must be left of them at most to compute the slopes again
 
 
-class RoughOrbits:
-    """Solver of periodic steps of one body.
+def rough_orbit(
+    ik: InverseKinematics,
+    plan: StepPlan,
+    run: RunParameters,
+    near: Orbit | None = None,
+    shift: Array | float = 0.0,
+    nodes: tuple[int, int] = _NODES,
+) -> Orbit:
+    """The periodic step of a plan on a coarse grid.
 
     Args:
-        robot: the body.
-        run: posture gains and the choice for L_z, the same for all plans.
+        ik: of the body, with posture gains and choice for L_z.
+        plan: centroidal motion and feet.
+        run: supplies lean and rest of the arms.
+        near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
+        shift: expected change of the unknowns from ``near``.
         nodes: intervals of the grid in single and in double support.
+
+    Raises:
+        Unreachable: there is none, or none was found.
     """
-
-    def __init__(self, robot: Robot, run: RunParameters, nodes: tuple[int, int] = _NODES) -> None:
-        self.robot, self.nodes, self.ik = robot, nodes, InverseKinematics(robot, run)
-
-    def solve(
-        self, plan: StepPlan, run: RunParameters, near: Orbit | None = None, shift: Array | float = 0.0
-    ) -> Orbit:
-        """The periodic step of a plan.
-
-        Args:
-            plan: centroidal motion and feet.
-            run: supplies lean and rest of the arms.
-            near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
-            shift: expected change of the unknowns from ``near``.
-
-        Raises:
-            Unreachable: there is none, or none was found.
-        """
-        self.ik.set_rest(run)
-        reference = step_reference(plan, phase_grid(plan, *self.nodes))
-        step_map = StepMap(self.ik, reference, plan.contacts, run.body.lean)
-        if near is None:
-            return start_orbit(step_map, _TOLERANCE)
-        return newton(step_map, near.z + shift, _TOLERANCE, near.inverse, rebuilds=1)
+    ik.set_rest(run)
+    reference = step_reference(plan, phase_grid(plan, *nodes))
+    step_map = StepMap(ik, reference, plan.contacts, run.body.lean)
+    if near is None:
+        return start_orbit(step_map, _TOLERANCE)
+    return newton(step_map, near.z + shift, _TOLERANCE, near.inverse, rebuilds=1)
 
 
 @dataclass
@@ -115,11 +110,12 @@ class ChoiceSearch:
 
     Args:
         space: the free choices.
-        orbits: solver of periodic steps of the body.
+        robot: the body.
         report: called with a line of text now and then.
         effort: how far it goes.
 
     Attributes:
+        ik: of the body.
         candidates: all choices that were evaluated.
 
     Raises:
@@ -127,9 +123,10 @@ class ChoiceSearch:
     """
 
     def __init__(
-        self, space: FreeChoices, orbits: RoughOrbits, report: Callable[[str], None], effort: Effort
+        self, space: FreeChoices, robot: Robot, report: Callable[[str], None], effort: Effort
     ) -> None:
-        self.space, self.orbits, self.report, self.effort = space, orbits, report, effort
+        self.space, self.report, self.effort = space, report, effort
+        self.ik = InverseKinematics(robot, space.run)
         self.base: Mapping[str, float] = space.guess()
         self.guess = np.clip([self.base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
@@ -165,7 +162,7 @@ class ChoiceSearch:
 
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         """Plan, periodic step and margins of one choice, as far as there are any."""
-        space, orbits = self.space, self.orbits
+        space = self.space
         try:
             run = space.parameters({**self.base, **dict(zip(space.names, x.tolist(), strict=True))})
             plan = space.first_steps(run)
@@ -173,14 +170,14 @@ class ChoiceSearch:
             return Candidate(x, space.run)
         try:
             if near is None or near.orbit is None:
-                orbit = orbits.solve(plan, run)
+                orbit = rough_orbit(self.ik, plan, run)
             else:
                 step = (x - near.x) / space.slack
                 shift = 0.0 if self._slopes is None else _times(self._slopes[len(near.detail) :], step)
-                orbit = orbits.solve(plan, run, near.orbit, shift)
+                orbit = rough_orbit(self.ik, plan, run, near.orbit, shift)
         except Unreachable as error:
             return Candidate(x, run, plan, why=error)
-        values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, orbits.robot)
+        values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, self.ik.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
         return Candidate(x, run, plan, tightest(values), np.minimum(detail, _AMPLE), orbit)
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ampm.body.inverse_kinematics import Unreachable
+from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import LIMITS
 from ampm.body.return_map import Orbit
 from ampm.body.robot import Robot
@@ -33,7 +33,7 @@ from ampm.planner.support import StepPlan, plan_steps
 from ampm.planners import PeriodicPlanner
 from ampm.tune.free_choices import FreeChoices
 from ampm.tune.gait_limits import least_margin, orbit_margins, plan_margins, step_torques, tightest
-from ampm.tune.search import Candidate, ChoiceSearch, Effort, RoughOrbits
+from ampm.tune.search import Candidate, ChoiceSearch, Effort, rough_orbit
 from ampm.tune.ways_out import ways_out
 from ampm.walk import WalkPlan
 
@@ -149,7 +149,8 @@ def _present(space: FreeChoices, robot: Robot) -> Tuned | None:
         steps = plan_steps(run.gait, run.body.mass, run.foot, space.sole)
         values = tightest(plan_margins(steps, run, space.description))
         if least_margin(values) >= -_GRID:  # else there is no use in a periodic step
-            values |= tightest(orbit_margins(RoughOrbits(robot, run).solve(steps, run), steps, robot))
+            orbit = rough_orbit(InverseKinematics(robot, run), steps, run)
+            values |= tightest(orbit_margins(orbit, steps, robot))
         if not least_margin(values) >= -_GRID:
             return None
         plan = PeriodicPlanner().plan(run, robot)
@@ -210,9 +211,7 @@ def _searches(
     yield first, _improved(first, first.candidates[-1])
     if not effort.starts or not space.names:
         return
-    wide = ChoiceSearch(
-        FreeChoices(space.run, space.fixed, robot.description), RoughOrbits(robot, space.run), report, effort
-    )
+    wide = ChoiceSearch(FreeChoices(space.run, space.fixed, robot.description), robot, report, effort)
     start = wide.spread(effort.starts)
     more = _FROM_STARTS if start.worst() > _FARTHEST else 0
     wide.effort = replace(effort, choices=len(wide.candidates) + more)
@@ -220,14 +219,14 @@ def _searches(
     nearest = max(first, wide, key=lambda search: search.best().worst())
     best = nearest.best()
     if _HOPELESS < best.worst() < _JUST_ENOUGH:
-        last = ChoiceSearch(nearest.space, nearest.orbits, report, Effort(_TO_FINISH, _JUST_ENOUGH))
+        last = ChoiceSearch(nearest.space, robot, report, Effort(_TO_FINISH, _JUST_ENOUGH))
         last.minimise(best, wanted=0.15, pull=0.0)
         yield last, last.best()
 
 
 def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
     """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
-    search = ChoiceSearch(space, RoughOrbits(robot, space.run), report, effort)
+    search = ChoiceSearch(space, robot, report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
         if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:
             break
@@ -288,7 +287,7 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         if any(margin < 0.0 for name, margin in margins.items() if name.endswith("_torque")):
             margins.pop("hip_time", None)  # which follows from too little torque
         name = min(margins, key=lambda name: margins[name])
-        cause = _cause(name, best.plan, best.orbit, search.orbits.robot)
+        cause = _cause(name, best.plan, best.orbit, search.ik.robot)
         return broken_limit(name, best.values, tried, cause)
     causes = [candidate.why for candidate in search.candidates if candidate.why is not None]
     why = max(causes, key=lambda cause: cause.time, default=None)  # of the choice that came farthest
