@@ -128,8 +128,8 @@ class Ground:
         z = [float(step.position[2]) for step in footsteps]
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)
         corners = outlines.min(axis=1), outlines.max(axis=1)
-        soles = [_Box(*box) for box in zip(*corners, z, strict=True)]
-        parts: list[_Box] = []
+        soles = [Box(*box) for box in zip(*corners, z, strict=True)]
+        parts: list[Box] = []
         for height, following in groupby(soles, key=lambda box: box.height):
             boxes = list(following)
             whole = _around(boxes)
@@ -157,7 +157,7 @@ class Ground:
         return np.max(np.where(inside, self.height, self.base), axis=-1, initial=self.base)
 
 
-class _Box(NamedTuple):
+class Box(NamedTuple):
     """A rectangle of the floor, or around a sole."""
 
     low: Array  # corner along and across the heading, shape (2,) [m]
@@ -165,15 +165,15 @@ class _Box(NamedTuple):
     height: float  # [m]
 
 
-def _around(boxes: Sequence[_Box]) -> _Box:
+def _around(boxes: Sequence[Box]) -> Box:
     """The least box around boxes of one height."""
     low, high = np.min([box.low for box in boxes], axis=0), np.max([box.high for box in boxes], axis=0)
-    return _Box(low, high, boxes[0].height)
+    return Box(low, high, boxes[0].height)
 
 
-def _joined(boxes: Iterable[_Box], gap: float) -> list[_Box]:
+def _joined(boxes: Iterable[Box], gap: float) -> list[Box]:
     """Boxes farther than a gap from others of their height [m]: nearer ones become the box around them."""
-    found: list[_Box] = []
+    found: list[Box] = []
     for box in boxes:
         while near := [one for one in found if one.height == box.height and _apart(box, one)[1] <= gap]:
             box = _around([box, *near])
@@ -182,14 +182,14 @@ def _joined(boxes: Iterable[_Box], gap: float) -> list[_Box]:
     return found
 
 
-def _apart(box: _Box, other: _Box) -> tuple[tuple[int, int], float]:
+def _apart(box: Box, other: Box) -> tuple[tuple[int, int], float]:
     """Side and axis of a box along which another one is farthest, and their gap [m]."""
     gaps = np.stack([box.low - other.high, other.low - box.high])
     side, axis = divmod(int(gaps.argmax()), 2)
     return (side, axis), float(gaps[side, axis])
 
 
-def _cut(wide: Array, part: _Box, side: tuple[int, int], distance: float) -> None:
+def _cut(wide: Array, part: Box, side: tuple[int, int], distance: float) -> None:
     """Move one side of a wide box to a distance from the part in it, if it is farther."""
     low, high = part.low[side[1]] - distance, part.high[side[1]] + distance
     wide[side] = min(wide[side], high) if side[0] else max(wide[side], low)

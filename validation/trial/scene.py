@@ -7,7 +7,6 @@ compiled, and only there.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,22 +16,13 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import DisturbanceParameters, RunParameters
 from ampm.planner.contacts import LEVEL, Contacts, Footstep, footprint
-from ampm.planner.heights import Ground, uneven
+from ampm.planner.heights import Box, Ground, uneven
 from ampm.section import unknown
 from models.scene import BodyModel
 
 _FAR = 1e3  # half the size of the floor of a scene with edges [m]
 _THICK = 1.0  # thickness of that floor [m]
 _AROUND = 0.08  # distance of the edges of a raised or lowered place from the sole [m]
-
-
-class _Tile(NamedTuple):
-    """Rectangle of the floor in the walk's frame, moved along its normal."""
-
-    low: Array
-    high: Array
-    tilted: bool = False
-    height: float = 0.0
 
 
 def disturbed_model(body: BodyModel, run: RunParameters, contacts: Contacts) -> BodyModel:
@@ -112,14 +102,14 @@ def _change_floor(root: ElementTree.Element, body: BodyModel, run: RunParameters
     turn = Rotation.from_euler("z", step.heading).as_matrix()
     feet = np.array([item.position for item in contacts.footsteps]) @ turn  # in the walk's frame
     ends, hinge = np.full(2, _FAR), np.zeros(3)
-    tiles = [_Tile(-ends, ends)]
+    tiles = [Box(-ends, ends, 0.0)]
     if sloped:
         sole = body.description.sole
         front = feet[:2, 0].max() + sole.tip_x
         next_heel = feet[2, 0] + sole.heel_x if len(feet) > 2 else front + sole.length
         hinge[:2] = 0.5 * (front + next_heel), feet[:2, 1].mean()
         behind, ahead = np.array([hinge[0], _FAR]), np.array([hinge[0], -_FAR])
-        tiles = [_Tile(-ends, behind), _Tile(ahead, ends, tilted=True)]
+        tiles = [Box(-ends, behind, 0.0), Box(ahead, ends, 0.0)]
     if wanted.step_height:
         low, high = _place(body, step, contacts, turn)
         tiles = [part for tile in tiles for part in _split(tile, low, high, wanted.step_height)]
@@ -129,7 +119,7 @@ def _change_floor(root: ElementTree.Element, body: BodyModel, run: RunParameters
     for number, tile in enumerate(tiles):
         centre = np.array([*(0.5 * (tile.low + tile.high)), tile.height - 0.5 * _THICK])
         rotation = np.eye(3)
-        if tile.tilted:
+        if sloped and tile.low[0] >= hinge[0]:
             # Plan coordinates of the tile are along the slope; its hinge stays where it is.
             centre, rotation = hinge + tilt @ (centre - hinge), tilt
         rotation, centre = turn @ rotation, turn @ centre + up
@@ -178,8 +168,8 @@ def _place(body: BodyModel, step: Footstep, contacts: Contacts, turn: Array) -> 
     return low, high
 
 
-def _split(tile: _Tile, low: Array, high: Array, height: float) -> list[_Tile]:
-    """A tile and, cut out of it, a rectangle at another height.
+def _split(tile: Box, low: Array, high: Array, height: float) -> list[Box]:
+    """A rectangle of the floor and, cut out of it, another one at another height.
 
     The seams lie along the walk's direction, so that no other foot treads on them.
     """
