@@ -1,7 +1,6 @@
 """The closed form of a periodic gait: its constants, its laws, and the rules that refuse a gait."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,19 +17,9 @@ LIPM = "lipm"
 _PLAIN_SLOPES = {"a_s": math.inf, "c_s": 1.0, "c_y": 1.0}  # ZMP at rest, force through the COM
 
 
-class StepLaws(NamedTuple):
-    """The first step of a gait, on the left foot."""
-
-    constants: PlanConstants  # of the gait
-    single_x: AffineLaw  # law of single support along the walk, from the stance foot's reference point
-    double_x: AffineLaw  # that of double support, from the midpoint of both feet's reference points
-    single_y: AffineLaw  # law of single support across the walk, from the stance foot
-    double_y: AffineLaw  # that of the double support after it, from the midline
-
-
 @np.errstate(all="ignore")  # what overflows is refused for the plan's jumps
-def step_laws(gait: GaitParameters) -> StepLaws:
-    """Constants and laws of a gait (paper, sections 2.1 and 2.2).
+def step_laws(gait: GaitParameters) -> tuple[PlanConstants, tuple[AffineLaw, ...], tuple[AffineLaw, ...]]:
+    """Constants of a gait, and the laws of its first step, on the left foot (paper, sections 2.1 and 2.2).
 
     In the sagittal plane continuity of ZMP and force at the switches fixes the double support:
     ``c_s l_s + c_d l_d = l_s + l_d`` (Eq. 4, corrected) and ``l_s/a_s + l_d/a_d = l_s + l_d``. In the frontal
@@ -39,6 +28,9 @@ def step_laws(gait: GaitParameters) -> StepLaws:
     The plain inverted pendulum (section 1.2; Kajita et al., IROS 2001) has a double support at the velocity
     of the switch: the ground force is vertical and the ZMP under the COM, so both jump at a switch. Its beta
     is what the COM drifts in half a double support, ``beta = v T_DS / 2``.
+
+    The laws of single and double support are those along the walk, then those across it. They count from the
+    reference point of the stance foot, and in double support from the middle of both feet's.
 
     Raises :class:`MathematicalRefusal` if the COM is not driven, or does not pass over the foot fast enough.
     """
@@ -101,7 +93,7 @@ def step_laws(gait: GaitParameters) -> StepLaws:
         "mean_velocity": gait.step_length / (t_ss + t_ds),
     }
     floats = {name: float(value) for name, value in constants.items()}
-    return StepLaws(PlanConstants(**floats), single_x, double_x, single_y, double_y)
+    return PlanConstants(**floats), (single_x, double_x), (single_y, double_y)
 
 
 def _refuse_undriven(bracket: float, c_s: float, inverse_a_s: float, c_y: float) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from ampm.exceptions import InputError, MathematicalRefusal
 from ampm.parameters import GRAVITY, GaitParameters, RunParameters
 from ampm.planner.centroidal import MAY_JUMP, CentroidalPhase, CentroidalPlan, PlanConstants
-from ampm.planner.closed_form import LIPM, StepLaws, step_laws
+from ampm.planner.closed_form import LIPM, step_laws
 from ampm.planner.contacts import Contacts, Footstep
 from ampm.planner.pendulum import AffineLaw, odd_double_integral, position_integral
 from ampm.run_file import load_run
@@ -58,7 +58,7 @@ def plan_gait(gait: GaitParameters, mass: float) -> CentroidalPlan:
     """
     if not (math.isfinite(mass) and mass > 0.0):
         raise InputError(f"the mass is {mass:g} kg; it must be a finite number greater than 0 kg.")
-    plan = _assemble(gait, float(mass), step_laws(gait))
+    plan = _assemble(gait, float(mass))
     # The closed form does not jump at a switch, unless its numbers lose their digits; a plain pendulum may.
     jumps = plan.residuals() | dict.fromkeys(MAY_JUMP if gait.planner == LIPM else (), 0.0)
     largest = max(np.nan_to_num(list(jumps.values()), nan=math.inf).tolist())
@@ -81,9 +81,9 @@ def _mirrored(law: AffineLaw) -> AffineLaw:
     return replace(law, even=-law.even, odd=-law.odd, zmp_offset=-law.zmp_offset)
 
 
-def _assemble(gait: GaitParameters, mass: float, first: StepLaws) -> CentroidalPlan:
+def _assemble(gait: GaitParameters, mass: float) -> CentroidalPlan:
     """Plan of the closed form over its footsteps."""
-    constants, single_x, double_x, single, double = first
+    constants, (single_x, double_x), (single, double) = step_laws(gait)
     t_ss, t_ds = constants.single_support_duration, constants.double_support_duration
     step, length, w = t_ss + t_ds, gait.step_length, 0.5 * gait.step_width
     weight = mass * GRAVITY
