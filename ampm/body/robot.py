@@ -35,16 +35,6 @@ class TaskTerms(NamedTuple):
     sole_turn: Array  # their rotations to world, shape (2, 3, 3)
 
 
-class Unsupported(NamedTuple):
-    """What a motion needs; a ground force takes from the torques by its part of ``jacobian``."""
-
-    jacobian: Array  # columns of the hinges, see `TaskTerms`, shape (T, R, nu)
-    # of the hinges without any contact, dampers, springs and dry friction included, (T, nu) [N m]
-    torque: Array
-    force: Array  # of the floor on the body, in world, shape (T, 3) [N]
-    moment: Array  # of the same about the world's origin, shape (T, 3) [N m]
-
-
 class Gaps(NamedTuple):
     """Parts of a body that come closest to each other, at T configurations."""
 
@@ -220,13 +210,18 @@ class Robot:
         body.place(q)
         return body.drift(v, v)
 
-    def unsupported(self, q: Array, v: Array, acceleration: Array) -> Unsupported:
+    def unsupported(self, q: Array, v: Array, acceleration: Array) -> tuple[Array, Array, Array, Array]:
         """What a motion needs of motors and floor, by inverse dynamics (Newton and Euler).
 
         Args:
             q: configurations, shape (T, nq).
             v: shape (T, nv).
             acceleration: shape (T, nv).
+
+        Returns:
+            Task Jacobian of the hinges, shape (T, R, nu), by which a ground force takes from their torques;
+            torques without any contact, with dampers, springs and dry friction, (T, nu) [N m]; force of the
+            floor on the body and its moment about the origin, in world, (T, 3) [N, N m].
         """
         # Loads numba, which a plan with a known motion does without.
         from ampm.body.rigid_body import passive_torques
@@ -243,7 +238,7 @@ class Robot:
             turn = rows[6:9, :3]  # of the root to world
             jacobian[k] = rows[:, 6:]
             force[k], moment[k] = np.einsum("ij,kj->ki", turn, total[:6].reshape(2, 3))
-        return Unsupported(jacobian, torque, force, moment + np.cross(q[:, :3], force))
+        return jacobian, torque, force, moment + np.cross(q[:, :3], force)
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""
