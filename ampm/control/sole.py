@@ -7,9 +7,8 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import write_zmp
-from ampm.control.workspace import SteppingState, Wrench
+from ampm.control.workspace import SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.stepping.stepper import Stepper
 from ampm.vectors import Vector, along_across, clip, put, times, vector
 
 OPEN = 0.2
@@ -94,7 +93,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 
 
 @compiled
-def share_sole(stepper: Stepper, wanted: Any, tilt: Vector, command: Wrench) -> None:
+def share_sole(work: Workspace, slope: Array, tilt: Vector) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
     The command is untouched where they give it all. First, the force is multiplied by the factor that holds
@@ -104,11 +103,12 @@ def share_sole(stepper: Stepper, wanted: Any, tilt: Vector, command: Wrench) -> 
     of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
 
     The points have their limits of this tick. The command is that of
-    :func:`~ampm.control.stabilizer.command_wrench`; ``tilt`` takes the trunk to the planned one [rad].
+    :func:`~ampm.control.stabilizer.command_wrench`; the slope of the floor is the plan's, and ``tilt`` takes
+    the trunk to the planned one [rad].
     """
-    state: SteppingState = stepper.state[0]
-    body, force, moment = stepper.body, command.force, command.moment
-    com = body.com
+    state: SteppingState = work.stepping[0]
+    body, wanted, com = work.body, work.wanted, work.body.com
+    force, moment = work.command.force, work.command.moment
     if state.force_factor != 1.0:
         put(force, times(state.force_factor, vector(force)))
     nearly_falling = force[2] < 0.2 * body.mass * body.gravity  # the ZMP means nothing
@@ -119,9 +119,9 @@ def share_sole(stepper: Stepper, wanted: Any, tilt: Vector, command: Wrench) -> 
     sole = places[: open_points(body.points, com, cos, sin, places)]
     if len(sole) == 0:
         return
-    height = over_plane(com, stepper.slope) - state.floor
-    down = body.gravity + over_plane(wanted.com_acceleration, stepper.slope)
-    per_rate = (over_plane(wanted.com, stepper.slope) - state.floor) / down
+    height = over_plane(com, slope) - state.floor
+    down = body.gravity + over_plane(wanted.com_acceleration, slope)
+    per_rate = (over_plane(wanted.com, slope) - state.floor) / down
     planned_r = wanted.com[:2] - per_rate * wanted.com_acceleration[:2]
     planned_arm = np.array([-wanted.moment[1], wanted.moment[0]]) / (body.mass * down)
     r_shift = com[:2] - height * force[:2] / force[2] - planned_r
@@ -150,7 +150,7 @@ def share_sole(stepper: Stepper, wanted: Any, tilt: Vector, command: Wrench) -> 
         force[axis] -= r_change[axis] * force[2] / height
     moment[0] += arm_change[1] * force[2]
     moment[1] -= arm_change[0] * force[2]
-    write_zmp(com, command)
+    write_zmp(com, work.command)
 
 
 @compiled

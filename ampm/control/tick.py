@@ -51,7 +51,7 @@ def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: f
     """
     update_kinematics(work, lag)
     if stepper is not None:
-        follow(stepper, work.wanted)
+        follow(work, stepper)
     else:
         follow_floor(work)
     landing = update_contacts(work, first)
@@ -133,7 +133,7 @@ def update_command(work: Workspace, stepper: Stepper | None) -> None:
         tilt = times(RIGHTING, tilt)
     command_wrench(work, tilt)
     if stepper is not None:
-        share_sole(stepper, wanted, error, work.command)
+        share_sole(work, stepper.slope, error)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
 
 from ampm.compiled import compiled
-from ampm.control.workspace import TIP, SteppingState
+from ampm.control.workspace import TIP, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, column, dot
@@ -27,35 +27,35 @@ GRACE = 0.016
 
 
 @compiled
-def sense_touch(stepper: Stepper) -> None:
+def sense_touch(work: Workspace, stepper: Stepper) -> None:
     """Count the ticks for which every foot has stood, and note where its points touched."""
-    state: SteppingState = stepper.state[0]
-    points = stepper.body.points
+    state: SteppingState = work.stepping[0]
+    points, contact = work.body.points, work.sensed.contact
     for i in range(len(points)):
-        if stepper.contact[i] and not points[i].touching:
-            points[i].floor = stepper.body.com[2] + points[i].arm[2]
+        if contact[i] and not points[i].touching:
+            points[i].floor = work.body.com[2] + points[i].arm[2]
     for foot in range(2):
         touched = False
         for i in range(len(points)):
-            touched = touched or (points[i].foot == foot and stepper.contact[i])
-        touched = touched and stepper.body.feet[foot].pose[2, 2] >= TIPPED
+            touched = touched or (points[i].foot == foot and contact[i])
+        touched = touched and work.body.feet[foot].pose[2, 2] >= TIPPED
         state.touches[foot] = state.touches[foot] + 1 if touched else 0
     state.stood += stepper.tick
 
 
 @compiled
-def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
-    """Height of the floor at a sole's reference point, and its slopes less those of the plan's [m, 1, 1].
+def floor_under(work: Workspace, planned: Array, foot: int) -> tuple[float, float, float]:
+    """Height of the floor at a sole's reference point, and its slopes less the planned ones, (2,) [m, 1, 1].
 
     The floor is the sole's own plane, :data:`SINK` higher. Where a point is deeper in it, the floor is the
     plane through the heights at which the points touched, by least squares.
     """
-    planned = stepper.slope
-    com, at, pose = stepper.body.com, stepper.body.feet[foot].place, stepper.body.feet[foot].pose
+    points, com, sole = work.body.points, work.body.com, work.body.feet[foot]
+    at, pose = sole.place, sole.pose
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
-    for i in range(len(stepper.body.points)):
-        point = stepper.body.points[i]
-        if point.foot == foot and stepper.contact[i]:
+    for i in range(len(points)):
+        point = points[i]
+        if point.foot == foot and work.sensed.contact[i]:
             dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.floor
             deepest = max(deepest, floor - com[2] - point.arm[2])
             n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
@@ -75,39 +75,38 @@ def floor_under(stepper: Stepper, foot: int) -> tuple[float, float, float]:
 
 
 @compiled
-def step_up(stepper: Stepper, foot: int, position: Array, rotation: Array, floor: float) -> float:
+def step_up(work: Workspace, slope: Array, foot: int, floor: float) -> float:
     """Height of the floor over the planned one under a foot that touches [m].
 
-    Place (3,) [m] and rotation to world (3, 3) of its sole are the planned ones, and ``floor`` is the height
-    of its reference point as the phase ends [m].
+    The slope is the plan's, and ``floor`` the planned height of its reference point as the phase ends [m].
     """
-    pose = stepper.body.feet[foot].pose
-    if dot(column(pose, 2), column(rotation, 2)) >= AS_PLANNED:
-        return floor_under(stepper, foot)[0] - position[2]
+    pose, points, wanted = work.body.feet[foot].pose, work.body.points, work.wanted
+    if dot(column(pose, 2), column(wanted.foot_rotation[foot], 2)) >= AS_PLANNED:
+        return floor_under(work, slope, foot)[0] - wanted.foot_position[foot, 2]
     count, height = 0, 0.0
-    for i in range(len(stepper.body.points)):
-        if stepper.body.points[i].foot == foot and stepper.contact[i]:
-            count, height = count + 1, height + stepper.body.points[i].floor
+    for i in range(len(points)):
+        if points[i].foot == foot and work.sensed.contact[i]:
+            count, height = count + 1, height + points[i].floor
     return height / count - floor
 
 
 @compiled
-def hold_height(stepper: Stepper, height: float) -> None:
-    """Integrate how far the COM is under its reference, a height [m], into the commanded force's factor."""
-    state: SteppingState = stepper.state[0]
-    error = clip(height - stepper.body.com[2], -SATURATION, SATURATION)
+def hold_height(work: Workspace, stepper: Stepper) -> None:
+    """Integrate how far the COM is under its reference into the commanded force's factor."""
+    state: SteppingState = work.stepping[0]
+    error = clip(work.wanted.com[2] - work.body.com[2], -SATURATION, SATURATION)
     if state.force_factor != 1.0 or abs(error) > DEAD_BAND:
-        change = LIFT * stepper.omega**3 / stepper.body.gravity * error * stepper.tick
+        change = LIFT * stepper.omega**3 / work.body.gravity * error * stepper.tick
         state.force_factor = clip(state.force_factor + change, 0.9, 1.1)
 
 
 @compiled
-def stands_flat(stepper: Stepper) -> bool:
+def stands_flat(work: Workspace) -> bool:
     """Whether the foot that stands alone has done so for a while, on all points of heel and ball."""
-    state: SteppingState = stepper.state[0]
-    for i in range(len(stepper.body.points)):
-        point = stepper.body.points[i]
-        if point.foot == state.stance and point.line != TIP and not stepper.contact[i]:
+    state: SteppingState = work.stepping[0]
+    for i in range(len(work.body.points)):
+        point = work.body.points[i]
+        if point.foot == state.stance and point.line != TIP and not work.sensed.contact[i]:
             return False
     return bool(state.single and state.stood > 0.04 and state.clock < 0.7 * state.duration)
 

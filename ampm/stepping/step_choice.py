@@ -8,13 +8,12 @@ Vectors are horizontal, in the axes of the standing foot: along, and to the left
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.sole import sole_of
-from ampm.control.workspace import SteppingState
+from ampm.control.workspace import SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.stepper import Stepper
 from ampm.vectors import along_across, clip
@@ -57,29 +56,28 @@ def ramp_share(x: float) -> float:
 
 
 @compiled
-def phase_position(stepper: Stepper) -> float:
+def phase_position(state: SteppingState, stepper: Stepper) -> float:
     """Place of the clock in the curves of its phase, in intervals from the first row on."""
-    state: SteppingState = stepper.state[0]
     return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
 
 
 @compiled
-def phase_interval(stepper: Stepper) -> tuple[int, float]:
+def phase_interval(state: SteppingState, stepper: Stepper) -> tuple[int, float]:
     """Number of the interval in which the clock is, and the share of it that has passed."""
-    position = phase_position(stepper)
+    position = phase_position(state, stepper)
     i = min(int(position), len(stepper.curves.r) - 2)
     return i, position - i
 
 
 @compiled
-def dcm_ahead(stepper: Stepper, x: float, out: Array) -> None:
+def dcm_ahead(state: SteppingState, stepper: Stepper, x: float, out: Array) -> None:
     """Write the DCM from which the rest of its phase leads to the planned end, shape (2,) [m].
 
     The rest of r takes the time D, whatever it would take in the plan; ``x`` is omega D::
 
         xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
     """
-    r, end, begin = stepper.curves.r, stepper.curves.xi[-1], phase_position(stepper)
+    r, end, begin = stepper.curves.r, stepper.curves.xi[-1], phase_position(state, stepper)
     last, decay = len(r) - 1, math.exp(-x)
     out[0], out[1] = decay * end[0], decay * end[1]
     for k in range(len(_NODES)):
@@ -137,9 +135,9 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
 
 
 @compiled
-def mean_zmp(stepper: Stepper, x: float) -> tuple[float, float]:
+def mean_zmp(state: SteppingState, stepper: Stepper, x: float) -> tuple[float, float]:
     """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM; ``x`` is omega D [m]."""
-    zmp, begin = stepper.curves.zmp, phase_position(stepper)
+    zmp, begin = stepper.curves.zmp, phase_position(state, stepper)
     mean_x = mean_y = total = 0.0
     for k in range(5):
         i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
@@ -156,17 +154,17 @@ def heading_of(rotation: Array) -> tuple[float, float]:
 
 
 @compiled
-def expected_dcm(stepper: Stepper, wanted: Any) -> tuple[float, float]:
+def expected_dcm(work: Workspace, omega: float) -> tuple[float, float]:
     """Measured DCM, with what taking out the surplus of angular momentum will cost it [m]."""
-    com, rates, mass, omega = stepper.body.com, stepper.rates, stepper.body.mass, stepper.omega
-    lever = omega / (mass * stepper.body.gravity)
-    surplus_x = mass * rates[3] - wanted.angular_momentum[0]
-    surplus_y = mass * rates[4] - wanted.angular_momentum[1]
+    com, rates, mass, momentum = work.body.com, work.tasks.rates, work.body.mass, work.wanted.angular_momentum
+    lever = omega / (mass * work.body.gravity)
+    surplus_x = mass * rates[3] - momentum[0]
+    surplus_y = mass * rates[4] - momentum[1]
     return com[0] + rates[0] / omega + lever * surplus_y, com[1] + rates[1] / omega - lever * surplus_x
 
 
 @compiled
-def plan_step(stepper: Stepper, wanted: Any) -> bool:
+def plan_step(work: Workspace, stepper: Stepper) -> bool:
     """Choose place and time of the next step, and whether they differ from the plan.
 
     For each time of the rest of the single support the displacement follows in closed form. As long as it is
@@ -174,18 +172,18 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
     Only off the plan may the time be changed.
 
     Args:
-        stepper: ``length`` and ``width`` of its state are those of the planned step; ``step``, ``factor``
-            and ``choice`` are replaced.
-        wanted: the plan's reference of this tick.
+        work: of this tick, with the plan's reference. Of the state ``length`` and ``width`` are those of the
+            planned step; ``step``, ``factor`` and ``choice`` are replaced.
+        stepper: with the phase.
     """
-    state: SteppingState = stepper.state[0]
-    omega, size = stepper.omega, stepper.size
+    state: SteppingState = work.stepping[0]
+    body, wanted, omega, size = work.body, work.wanted, stepper.omega, stepper.size
     shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
     rest = state.duration - state.clock
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
     sole, dcm_wanted, best_step = np.empty(4), np.empty(2), np.zeros(2)
-    sole_of(state.stance, stepper.body.points, stepper.body.com, cos, sin, sole)
-    dcm_x, dcm_y = expected_dcm(stepper, wanted)
+    sole_of(state.stance, body.points, body.com, cos, sin, sole)
+    dcm_x, dcm_y = expected_dcm(work, omega)
     sole_length, shortest = sole[1] - sole[0], SHORTEST * math.sqrt(size)
     beside = stepper.foot_width
     if state.off_plan:  # a foot that is turned takes more
@@ -199,7 +197,7 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
             continue
         x = omega * max(rest * factor, 1e-4)
         if state.off_plan:
-            dcm_ahead(stepper, x, dcm_wanted)
+            dcm_ahead(state, stepper, x, dcm_wanted)
         else:
             dcm_wanted[0] = wanted.com[0] + wanted.com_velocity[0] / omega
             dcm_wanted[1] = wanted.com[1] + wanted.com_velocity[1] / omega
@@ -213,7 +211,7 @@ def plan_step(stepper: Stepper, wanted: Any) -> bool:
         error_along, error_across = along_across(error_x, error_y, cos, sin)
         error_along -= ramp * decay * back_along
         error_across -= ramp * decay * back_across
-        zmp_x, zmp_y = mean_zmp(stepper, x)
+        zmp_x, zmp_y = mean_zmp(state, stepper, x)
         zmp_along, zmp_across = along_across(zmp_x + shift[0], zmp_y + shift[1], cos, sin)
         low, high = SOLE_SHARE * (sole[0] - zmp_along), SOLE_SHARE * (sole[1] - zmp_along)
         forward = back_along + step_change(error_along, decay, ramp, low, high)

@@ -1,9 +1,8 @@
-"""Phase, body and state of the stabiliser that steps."""
+"""What the stabiliser that steps reads beside the workspace of a tick."""
 
 from typing import Any, NamedTuple
 
-from ampm.control.workspace import PlacedBody
-from ampm.geometry import Array, Flags
+from ampm.geometry import Array
 
 
 class Curves(NamedTuple):
@@ -15,12 +14,8 @@ class Curves(NamedTuple):
 
 
 class Stepper(NamedTuple):
-    """Body and phase of a walk that may leave its plan, and its state."""
+    """Constants and phase of a walk that may leave its plan."""
 
-    state: Any  # table of one `SteppingState`
-    body: PlacedBody  # placed at this tick
-    contact: Flags  # sole points that touch at this tick, shape (P,)
-    rates: Array  # momentum and angular momentum over the mass, shape (6, ...)
     omega: float  # `sqrt(g / H)` of the pendulum [1/s]
     tick: float  # control period [s]
     size: float  # size of the body, 1 for a stature of 1.70 m [1]

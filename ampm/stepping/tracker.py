@@ -56,10 +56,6 @@ class StepTracker:
         self._reset()
         self._state.force_factor = 1.0
         self._stepper = Stepper(
-            state=workspace.stepping,
-            body=workspace.body,
-            contact=workspace.sensed.contact,
-            rates=workspace.tasks.rates,
             omega=math.sqrt(workspace.body.gravity / plan.com_height),
             tick=1.0 / workspace.gains.frequency,
             size=robot.description.scale,
@@ -93,7 +89,7 @@ class StepTracker:
             if self._loaded != self._index:
                 self._load()
             self._state.time, self._state.phase = time, self._index
-            self.stepped = self._stepper.state[0].copy()
+            self.stepped = self._workspace.stepping[0].copy()
         else:
             self.stepped = None
             if time + 1e-9 >= self._next:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import SteppingState
+from ampm.control.workspace import SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
 from ampm.stepping.step_choice import (
@@ -48,42 +48,43 @@ FEEL_TIME = 0.03
 
 
 @compiled
-def follow(stepper: Stepper, wanted: Any) -> None:
+def follow(work: Workspace, stepper: Stepper) -> None:
     """Decide on the plan whether to leave it; off the plan, replace the plan's reference of this tick."""
-    state: SteppingState = stepper.state[0]
-    sense_touch(stepper)
-    error = minus(vector(stepper.body.com), vector(wanted.com))
+    state: SteppingState = work.stepping[0]
+    wanted = work.wanted
+    sense_touch(work, stepper)
+    error = minus(vector(work.body.com), vector(wanted.com))
     state.away = max(abs(error[0]), abs(error[1]), abs(error[2]))
-    rate_error = minus(vector(stepper.rates), vector(wanted.com_velocity))
+    rate_error = minus(vector(work.tasks.rates), vector(wanted.com_velocity))
     dcm_error = plus(error, times(1.0 / stepper.omega, rate_error))
     state.active = state.off_plan or math.hypot(dcm_error[0], dcm_error[1]) > DISTURBED * stepper.size
     if state.off_plan:
-        advance(stepper, wanted)
+        advance(work, stepper)
     else:
         state.heading[0] = wanted.foot_rotation[state.stance, 0, 0]
         state.heading[1] = wanted.foot_rotation[state.stance, 1, 0]
-        state.leaves = must_leave(stepper, wanted)
-    hold_height(stepper, wanted.com[2])
+        state.leaves = must_leave(work, stepper)
+    hold_height(work, stepper)
 
 
 @compiled
-def must_leave(stepper: Stepper, wanted: Any) -> bool:
+def must_leave(work: Workspace, stepper: Stepper) -> bool:
     """Whether a walk on the plan must leave it: a foot lands early or late, the floor or a step differs."""
-    state: SteppingState = stepper.state[0]
+    state: SteppingState = work.stepping[0]
     if is_late(state) or is_early(state):
         return True
     if not state.single:
         return False
-    planned = wanted.foot_position[state.stance]
-    if stands_flat(stepper):
-        com, place = stepper.body.com, stepper.body.feet[state.stance].place
-        height, slope_x, slope_y = floor_under(stepper, state.stance)
+    planned = work.wanted.foot_position[state.stance]
+    if stands_flat(work):
+        com, place = work.body.com, work.body.feet[state.stance].place
+        height, slope_x, slope_y = floor_under(work, stepper.slope, state.stance)
         x, y = com[0] + place[0] - planned[0], com[1] + place[1] - planned[1]
         if math.hypot(x, y) > OFF_PLACE * stepper.size or abs(height - planned[2]) > OFF_HEIGHT:
             return True
         if math.hypot(slope_x, slope_y) > OFF_TILT:
             return True
-    return state.duration - state.clock >= FREEZE and plan_step(stepper, wanted)
+    return state.duration - state.clock >= FREEZE and plan_step(work, stepper)
 
 
 @compiled
@@ -105,11 +106,11 @@ def pass_time(states: Any, tick: float) -> bool:
 
 
 @compiled
-def read_table(stepper: Stepper, wanted: Any) -> None:
+def read_table(work: Workspace, stepper: Stepper) -> None:
     """Read the planned reference from the phase's table, by the clock; it is still while the clock waits."""
-    state: SteppingState = stepper.state[0]
-    table, intervals = stepper.table, len(stepper.curves.r) - 1
-    i, part = phase_interval(stepper)
+    state: SteppingState = work.stepping[0]
+    wanted, table, intervals = work.wanted, stepper.table, len(stepper.curves.r) - 1
+    i, part = phase_interval(state, stepper)
     before, after = table.smooth[i], table.smooth[i + 1]
     for k in range(len(wanted.smooth)):
         wanted.smooth[k] = (1.0 - part) * before[k] + part * after[k]
@@ -133,13 +134,14 @@ def read_table(stepper: Stepper, wanted: Any) -> None:
 
 
 @compiled
-def advance(stepper: Stepper, wanted: Any) -> None:
+def advance(work: Workspace, stepper: Stepper) -> None:
     """Replace the plan's reference of one tick, off the plan."""
-    state: SteppingState = stepper.state[0]
-    read_table(stepper, wanted)
+    state: SteppingState = work.stepping[0]
+    wanted = work.wanted
+    read_table(work, stepper)
     wanted.tilt_window[0] = 0.0
-    if stands_flat(stepper):
-        _, slope_x, slope_y = floor_under(stepper, state.stance)
+    if stands_flat(work):
+        _, slope_x, slope_y = floor_under(work, stepper.slope, state.stance)
         gain = min(stepper.tick / FEEL_TIME, 1.0)
         state.slope[0] += gain * (slope_x - state.slope[0])
         state.slope[1] += gain * (slope_y - state.slope[1])
@@ -149,18 +151,18 @@ def advance(stepper: Stepper, wanted: Any) -> None:
     dcm = np.empty(2)
     if state.single:
         moved = 0.0
-        _swing(stepper, slope, wanted, dcm)
+        _swing(work, stepper, slope, dcm)
     else:
         moved = clip(state.clock / state.duration, 0.0, 1.0)
-        _transfer(stepper, moved, wanted, dcm)
-    state.floor = _com(stepper, moved, slope, dcm, wanted)
+        _transfer(work, stepper, moved, dcm)
+    state.floor = _com(work, stepper, moved, slope, dcm)
     _feet(state, slope, wanted)
 
 
 @compiled
-def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array) -> None:
+def _swing(work: Workspace, stepper: Stepper, slope: tuple[float, float], dcm: Array) -> None:
     """Single support: choose the next step, move the swing foot towards it, write the DCM's reference."""
-    state: SteppingState = stepper.state[0]
+    state: SteppingState = work.stepping[0]
     cos, sin = state.heading[0], state.heading[1]
     shift, rest = state.shift[state.stance], state.duration - state.clock
     landing = stepper.table.foot_position[-1]
@@ -168,10 +170,10 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
     if rest * state.factor > FREEZE:
         state.length, across = along_across(reach_x, reach_y, cos, sin)
         state.width = abs(across)
-        plan_step(stepper, wanted)
+        plan_step(work, stepper)
     duration = max(rest * state.factor, 1e-4)
     x = stepper.omega * duration
-    dcm_ahead(stepper, x, dcm)
+    dcm_ahead(state, stepper, x, dcm)
     share = ramp_share(stepper.omega * state.double)
     for axis in range(2):
         dcm[axis] += shift[axis] + state.step[axis] * share * math.exp(-x)
@@ -185,36 +187,36 @@ def _swing(stepper: Stepper, slope: tuple[float, float], wanted: Any, dcm: Array
 
 
 @compiled
-def _transfer(stepper: Stepper, moved: float, wanted: Any, dcm: Array) -> None:
+def _transfer(work: Workspace, stepper: Stepper, moved: float, dcm: Array) -> None:
     """Double support: measure the shift of the landed foot, write the DCM's reference, adapt the duration."""
-    state: SteppingState = stepper.state[0]
-    body, landed = stepper.body, 1 - state.stance
+    state: SteppingState = work.stepping[0]
+    body, wanted, landed = work.body, work.wanted, 1 - state.stance
     old, new = state.shift[state.stance], state.shift[landed]
     if state.touches[landed] > 0 and state.waited == 0.0:
         planned = wanted.foot_position[landed]
         for axis in range(2):
             new[axis] = body.com[axis] + body.feet[landed].place[axis] - planned[axis]
         floor = stepper.table.foot_position[-1, landed, 2]
-        new[2] = step_up(stepper, landed, planned, wanted.foot_rotation[landed], floor)
+        new[2] = step_up(work, stepper.slope, landed, floor)
     x = stepper.omega * max((state.duration - state.clock) * state.factor, 1e-4)
-    dcm_ahead(stepper, x, dcm)
+    dcm_ahead(state, stepper, x, dcm)
     for axis in range(2):
         here = old[axis] + moved * (new[axis] - old[axis])
         dcm[axis] += here + (new[axis] - here) * (1.0 - ramp_share(x))
-    dcm_x, dcm_y = expected_dcm(stepper, wanted)
+    dcm_x, dcm_y = expected_dcm(work, stepper.omega)
     ahead, _ = along_across(dcm_x - dcm[0], dcm_y - dcm[1], state.heading[0], state.heading[1])
     state.factor = 1.0 / (1.0 + clip((ahead / stepper.size - HASTE_FROM) / HASTE, 0.0, 1.0))
 
 
 @compiled
-def _com(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array, wanted: Any) -> float:
+def _com(work: Workspace, stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array) -> float:
     """Replace the COM's reference: horizontally by the DCM, vertically over the floor.
 
     ``moved`` is the share of the way from one foot's shift to the other's. Returns the floor's height [m].
     """
-    state: SteppingState = stepper.state[0]
-    curves, com, omega = stepper.curves, stepper.body.com, stepper.omega
-    i, part = phase_interval(stepper)
+    state: SteppingState = work.stepping[0]
+    wanted, curves, com, omega = work.wanted, stepper.curves, work.body.com, stepper.omega
+    i, part = phase_interval(state, stepper)
     old, new = state.shift[state.stance], state.shift[1 - state.stance]
     for axis in range(2):
         shift = old[axis] + moved * (new[axis] - old[axis])
@@ -229,7 +231,7 @@ def _com(stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array,
     if state.single:
         for axis in range(2):
             goal += slope[axis] * (com[axis] - wanted.foot_position[state.stance, axis] - old[axis])
-    climb = slope[0] * stepper.rates[0] + slope[1] * stepper.rates[1]
+    climb = slope[0] * work.tasks.rates[0] + slope[1] * work.tasks.rates[1]
     rise = HEIGHT_RATE**2 * (goal - state.height[0]) + 2.0 * HEIGHT_RATE * (climb - state.height[1])
     state.height[0] += stepper.tick * (state.height[1] + 0.5 * stepper.tick * rise)
     state.height[1] += stepper.tick * rise
