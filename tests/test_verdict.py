@@ -346,7 +346,7 @@ def test_the_judged_time_begins_with_the_first_step_that_is_walked(walk):
     ours = FrozenPlan.of(plan, record.time[:-1])
     begun: Any = SimpleNamespace(judged_from=math.inf, command=None)
     late = replace(ours, plan=begun)
-    again = replace(record, followed=Followed((late, ours), (0.0, record.time_step)))
+    again = replace(record, followed=Followed((late, replace(ours, since=record.time_step))))
     np.testing.assert_array_equal(compare(plan, again, measured).inside, compare(*walk).inside)
 
 

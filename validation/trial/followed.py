@@ -102,16 +102,14 @@ class FrozenPlan:
     plan: WalkPlan  # for its constants and contacts; it is not sampled again
     rows: PlanRows  # its samples from the hand-over on
     newton_residual: float  # largest, see `ampm.planner.newton` [m]
-    # least distance of its ZMP into the support [m], and its time [s]; None if not asked for
+    # least distance of its ZMP into the support [m], and its time [s]; None of a later plan
     least_zmp_margin: tuple[float, float] | None = None
+    since: float = 0.0  # first tick at which it held [s]
 
     @classmethod
-    def of(cls, plan: WalkPlan, times: Array, *, exact: bool = True) -> FrozenPlan:
-        """Sample a plan at ascending times (N,) [s]; raises InputError if it contradicts itself.
-
-        ``exact`` asks for its least margin, which lies between the instants.
-        """
-        margin = plan.least_zmp_margin(min(float(times[-1]), plan.duration)) if exact else None
+    def of(cls, plan: WalkPlan, times: Array, since: float = 0.0) -> FrozenPlan:
+        """Sample a plan at ascending times (N,) [s]; raises InputError if it contradicts itself."""
+        margin = None if since else plan.least_zmp_margin(min(float(times[-1]), plan.duration))
         rows, residual = PlanRows.of(plan, times), check_newton(plan)
         off = np.abs(zmp_of_com(rows) - rows.zmp).max(axis=1)
         off[~np.isfinite(rows.angular_momentum).all(axis=1)] = np.inf
@@ -120,7 +118,7 @@ class FrozenPlan:
                 "the plan contradicts itself when it is sampled again: its ZMP differs from that of its COM, "
                 "or is no number; let what it says depend on the times alone."
             )
-        return cls(plan, rows, residual, margin)
+        return cls(plan, rows, residual, margin, since)
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,6 @@ class Followed:
     """
 
     plans: tuple[FrozenPlan, ...]  # of the planner, the first one first
-    since: tuple[float, ...] = (0.0,)  # first tick of each of them [s]
     stepped: Any = ()  # states of the stabiliser off the plan, entries of `SteppingState`, shape (N,)
     tick: float = 0.0  # control period [s]
 
@@ -182,7 +179,7 @@ class Followed:
 
     def planner(self, times: Array) -> NDArray[np.intp]:
         """Number of the planner's last plan at times, shape (N,)."""
-        return _last(np.array(self.since), times)
+        return _last(np.array([plan.since for plan in self.plans]), times)
 
     def _stepping(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """The stabiliser's plan at ``times``, as it was at the last tick up to ``made``, both (M,) [s].

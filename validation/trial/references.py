@@ -46,7 +46,7 @@ class References(Course):
     Attributes:
         timing: look-ahead of the references.
         plans: all of them so far, as they were handed over; the last one is followed from the next tick on.
-        since: first tick of each.
+        tick: control period [s].
         table: references of all ticks of the plan followed last.
     """
 
@@ -63,18 +63,18 @@ class References(Course):
         controller: Controller | None = None,
     ) -> None:
         self.time_step, self.substeps, gains = physics.time_step, physics.substeps, run.controller
+        self.tick = self.substeps * self.time_step
         self.timing = Timing(
             lead=gains.touchdown_lead,
             early=gains.touchdown_window,
             hold=(self.substeps - 1) * self.time_step,
-            slope=self.substeps * self.time_step if gains.hold == "first-order" else 0.0,
+            slope=self.tick if gains.hold == "first-order" else 0.0,
         )
         self.steps, self.run = steps, run
         self.planner, self.controller = planner, controller
         self.period, self._due = replan_period(planner), 0.0
         self.plans: list[FrozenPlan] = []
-        self.since: list[int] = []
-        self._tick = 0
+        self._tick = self._first = 0  # the next tick, and the first one of the table
         self._last: Reference | None = None
         self.references = self._walk()
         self.follow(plan)
@@ -90,12 +90,12 @@ class References(Course):
         with UsersCode("planner", self.planner or type(plan.posture), walking=bool(self.plans)):
             self.table = self._sampled(plan, ticks)
             instants = ticks if self.plans else np.arange(total)
-            frozen = FrozenPlan.of(plan, instants * self.time_step, exact=not self.plans)
+            frozen = FrozenPlan.of(plan, instants * self.time_step, self._tick * self.tick)
         if len(self.plans) > 1:  # the first one is compared with the others to the end
             end = self._tick * self.substeps * self.time_step + max(LEADS)
             self.plans[-1] = replace(self.plans[-1], rows=self.plans[-1].rows.until(end))
         self.plans.append(frozen)
-        self.since.append(self._tick)
+        self._first = self._tick
         if self.controller is not None and hasattr(self.controller, "follow"):
             with UsersCode("controller", self.controller, walking=True):
                 self.controller.follow(plan, self.timing)
@@ -133,7 +133,7 @@ class References(Course):
     def _walk(self) -> Iterator[Reference]:
         """The references, as long as the plan in force goes on."""
         while self._tick * self.substeps < self.total:
-            self._last = self.table[self._tick - self.since[-1]]
+            self._last = self.table[self._tick - self._first]
             self._tick += 1
             yield self._last
 

@@ -93,9 +93,7 @@ def simulate(
         raise InputError("a user's class changed the simulated model in the walk; keep to its arguments.")
     if replanner is not None and record.outcome.completed:
         forces_of(run, disturbances, record.outcome.time)
-    tick = physics.substeps * physics.time_step
-    since = tuple(first * tick for first in course.since)
-    followed = Followed(tuple(course.plans), since, np.array(loop.stepped), tick)
+    followed = Followed(tuple(course.plans), np.array(loop.stepped), course.tick)
     outcome, ours = record.outcome, make_controller is TrackingController
     if plan.command is not None:
         outcome = replace(outcome, steps_completed=measured_supports(record)[1])
