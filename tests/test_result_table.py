@@ -19,7 +19,7 @@ import validation as val
 from tests.saved_run import make_run
 from tests.sweep_table import make_table, write_sweep
 from tests.test_report import Page
-from validation.cli.validate import print_result
+from validation.cli.validate import print_trial
 from validation.judge.metrics import METRICS
 from validation.judge.uncertainty import Uncertainty
 from validation.show.cost_table import cost_table, reported_table
@@ -94,14 +94,14 @@ def test_tables_of_a_run_are_those_of_the_snapshot(said):
 
 
 def test_terminal_and_recording_show_the_tables(said, capsys):
-    print_result(said, Path("run"))
+    print_trial(said, Path("run"))
     out = capsys.readouterr().out
     shown = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if "│" in line]
     tables = metric_table(said), cost_table(said)
     assert shown == [list(row) for table in tables for row in table.rows]
     assert "normal: FAIL  One is not met. ampm explain run says why." in out
-    print_result(said, Path("run"), wrote=False)  # judged by another profile
-    print_result({**said, "verdict": "undecided"}, Path("run"))
+    print_trial(said, Path("run"), wrote=False)  # judged by another profile
+    print_trial({**said, "verdict": "undecided"}, Path("run"))
     assert "ampm explain" not in capsys.readouterr().out
     record = SimpleNamespace(outcome=SimpleNamespace(name="completed"), time_step=5e-4)
     saved: Any = SimpleNamespace(title="normal", summary=said, record=record, is_log=False)

@@ -11,7 +11,7 @@ from ampm.exceptions import InputError
 from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status, grouped, option
-from validation.cli.validate import print_result, status_of
+from validation.cli.validate import print_trial, status_of
 from validation.store.folders import check_run_folder
 
 app = typer.Typer()
@@ -85,7 +85,7 @@ def judge(
         if result.as_json:
             print_json({**summary, "directory": str(folder)})
         else:
-            print_result(summary, folder, wrote=folder != log)
+            print_trial(summary, folder, wrote=folder != log)
         return status_of(summary)
 
     profile, given = judging.load(), {**vars(comparing), "out": result.out, "force": result.force}

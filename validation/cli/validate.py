@@ -89,7 +89,7 @@ def validate(
         answers.append({**summary, "directory": str(target)})
         statuses.append(status_of(summary))
         if not result.as_json:
-            print_result(summary, target, metrics=judging.metric or ())
+            print_trial(summary, target, metrics=judging.metric or ())
         if interruption.pending:  # interrupted during the measurement, which is finished first
             missing = "recording and report, which 'ampm report' draws"
             narrator.say(f"ampm: interrupted; the run is complete in {target} but for {missing}")
@@ -190,7 +190,7 @@ def report(
     return Status.PASS
 
 
-def print_result(
+def print_trial(
     summary: Mapping[str, Any], folder: Path, *, wrote: bool = True, metrics: Sequence[str] = ()
 ) -> None:
     """Print a trial's ``summary.json`` for a reader, its files, and how a failure is explained."""
