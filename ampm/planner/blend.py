@@ -87,22 +87,16 @@ class BlendLaw:
         )
 
 
-class HeightState(NamedTuple):
-    """State of a height at some times; every field has the shape of the times."""
-
-    position: Array  # height of the COM [m]
-    velocity: Array  # [m/s]
-    acceleration: Array  # [m/s^2]
-    support: Array  # height of the support [m]
-
-
 @dataclass(frozen=True)
 class HeightLaw:
     """The height of the COM, and of the support as its ZMP."""
 
-    blend: Any  # law of these heights; the force point of a BlendLaw is the height that the COM follows
+    law: Any  # of these heights; the force point of a BlendLaw is the height that the COM follows
 
-    def evaluate(self, time: Any) -> HeightState:
-        """State at times since the start of the phase [s]."""
-        state = self.blend.evaluate(time)
-        return HeightState(state.position, state.velocity, state.acceleration, state.zmp)
+    def evaluate(self, time: Any) -> tuple[Array, Array, Array, Array]:
+        """Height of the COM, rate and acceleration, and height of the support [m, m/s, m/s^2, m].
+
+        All have the shape of the times since the start of the phase [s].
+        """
+        state = self.law.evaluate(time)
+        return state.position, state.velocity, state.acceleration, state.zmp

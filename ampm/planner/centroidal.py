@@ -218,8 +218,8 @@ class CentroidalPlan(Brief):
             for number in np.unique(index):
                 rows, law = index == number, self.phases[number].z
                 if law is not None:
-                    at = law.evaluate(local[rows])
-                    moved[:, rows, 2], floor[rows] = at[:3], at.support
+                    *height, floor[rows] = law.evaluate(local[rows])
+                    moved[:, rows, 2] = height
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]

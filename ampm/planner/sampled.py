@@ -91,11 +91,11 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
             way_out = "give a row for each time, with x and y"
             raise InputError(f"{name} has the shape {values.shape}, not {shape}; {way_out}.")
     given["com"][:, 2:] -= (given["com"][:, :2] @ plan.contacts.slope)[:, None]  # heights over the floor
-    law = _height_law(given, times, plan)
+    high = _height_law(given, times, plan)
     height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
-    if law is not None:
-        over = law.blend.position - law.blend.zmp
-        height, lift = over[:, None], 1.0 + law.blend.acceleration[:, None] / plan.gravity
+    if high is not None:
+        over = high.law.position - high.law.zmp
+        height, lift = over[:, None], 1.0 + high.law.acceleration[:, None] / plan.gravity
     elif given["com"].shape[1] == 3:
         height = float(given["com"][0, 2])
         plan = replace(plan, com_height=height)
@@ -127,7 +127,7 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
     around_y -= plan.constants.angular_momentum_y_offset
     columns = com, velocity, acceleration, zmp, arm
     x, y = (SampledLaw(times - begin, *(values[:, axis] for values in columns)) for axis in (0, 1))
-    phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y), z=law)
+    phase = CentroidalPhase(begin, end - begin, (0.0, 0.0), x, y, (around_x, around_y), z=high)
     plan = replace(plan, phases=(phase,))
     if first:
         constants = plan_constants(plan)

@@ -267,7 +267,7 @@ def closed_step(steps: StepPlan) -> StepPlan:
     laws, gained = [], []
     axes = [(phase.x, 1.0, length), (phase.y, -1.0, 0.0)]
     if phase.z is not None:
-        axes.append((phase.z.blend, 1.0, 0.0))
+        axes.append((phase.z.law, 1.0, 0.0))
     for law, sign, shift in axes:
         time = cast(SampledLaw, law).time
         times = np.append(time[time < duration - _SAME], duration)
