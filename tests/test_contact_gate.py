@@ -35,7 +35,7 @@ class Gate:
         """Limits of the left heel, ball and tip; both points of a line have its limit."""
         for point in self.points:
             line = self.lines[point["foot"], point["line"]]
-            assert (point["limit"], point["opening"]) == (line["limit"], line["opening"])
+            assert point["limit"] == line["limit"]
         return self.lines["limit"][0].tolist()
 
 

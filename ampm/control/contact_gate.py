@@ -24,7 +24,7 @@ OFF = 2
 def update_gate(
     wanted: Any, gains: Any, first: bool, close_lifted_tips: bool, missed: float, points: Any, lines: Any
 ) -> bool:
-    """Advance the lines by one tick, and give the points their openings.
+    """Advance the lines by one tick, and give the points their limits.
 
     Args:
         wanted: which lines are planned in contact, due, and until when.
@@ -69,8 +69,7 @@ def update_gate(
         if not supported and line.due and line.touching:  # nothing else holds the body
             line.touched, line.opening, line.limit = True, 1.0, 1.0
     for i in range(len(points)):
-        line = lines[points[i].foot, points[i].line]
-        points[i].opening, points[i].limit = line.opening, line.limit
+        points[i].limit = lines[points[i].foot, points[i].line].limit
     return landing
 
 
@@ -89,7 +88,7 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
 
     Args:
         gains: of the controller.
-        points: with their openings; their force limits are raised.
+        points: their force limits are raised.
         weight: of the body [N].
         contact: forces of the last tick; the expected forces are taken from its wanted momentum.
         since: time from the last tick to the sensed forces, in ticks [1].
@@ -99,13 +98,13 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i
         line, least, expected = contact.lines[point.foot, point.line], 0.0, 0.0
-        if point.touching and point.opening < 1.0:
+        if point.touching and line.opening < 1.0:
             given = gains.landing_share / weight * point.sensed
             if line.due:
                 least = given
             elif forces[unknown] < given and not contact.lines[point.foot].due.any():
                 expected = given
-        if 0.0 < point.opening < 1.0:
+        if 0.0 < line.opening < 1.0:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
             commanded = forces[unknown] + since * change[unknown]

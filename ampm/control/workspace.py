@@ -67,7 +67,6 @@ class Point(Frame):
     touching: bool
     floor: float  # height at which it touched [m]
     arm: Array3  # place from the COM, in world [m]
-    opening: float  # `opening` of its line
     limit: float  # `limit` of its line
     share: float  # share of its foot's tangential forces that it takes [1]
     twist: Annotated[Array, (2,)]  # its horizontal force per unit twist of the foot [m g]
