@@ -14,17 +14,17 @@ class Readings(NamedTuple):
 
     time: float  # of the tick [s]
     age: float  # how old the readings are [s]
-    angles: "Array"  # of the hinges, shape (nu,) [rad]
-    rates: "Array"  # of the hinges, shape (nu,) [rad/s]
-    gyro: "Array"  # rate of the root in its own axes, shape (3,) [rad/s]
+    angles: Array  # of the hinges, shape (nu,) [rad]
+    rates: Array  # of the hinges, shape (nu,) [rad/s]
+    gyro: Array  # rate of the root in its own axes, shape (3,) [rad/s]
     # acceleration of the root less gravity in its own axes, mean since the reading before, shape (3,) [m/s^2]
-    accelerometer: "Array"
-    force: "Array"  # normal force of every sole point, shape (P,) [N]; zeros with wrenches
+    accelerometer: Array
+    force: Array  # normal force of every sole point, shape (P,) [N]; zeros with wrenches
     contact: NDArray[np.bool_]  # sole points that touch, by switches, shape (P,); False with wrenches
-    position: "Array | None" = None  # of the root in the world, shape (3,) [m]; None without a fix
+    position: Array | None = None  # of the root in the world, shape (3,) [m]; None without a fix
     # force and moment of the floor on every foot, about its sole's reference point and in that frame's axes,
     # shape (2, 6) [N, N m]; None without such sensors
-    wrench: "Array | None" = None
+    wrench: Array | None = None
 
 
 class Estimator(Protocol):
@@ -38,7 +38,7 @@ class Estimator(Protocol):
     it goes on from that state with what it found of the sensors.
     """
 
-    def update(self, readings: Readings, commanded: "Array | None") -> tuple[State, Touch]:
+    def update(self, readings: Readings, commanded: Array | None) -> tuple[State, Touch]:
         """State and touch at the time of a tick.
 
         Args:
