@@ -35,7 +35,7 @@ from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
 from validation.trial.policy import observe
 from validation.trial.readings import DivergedEstimate, make_estimator
-from validation.trial.references import Course, References
+from validation.trial.references import References
 from validation.trial.simulate import ClosedLoop, copied, forces_of, place
 from validation.trial.users import real_numbers
 
@@ -124,12 +124,10 @@ class FollowedWalk(control.Physics, control.Task):
 
     def begin(self, tick: int, run: RunParameters) -> None:
         """Begin an episode at a tick of the walk, with the seeds of a run."""
-        table = self.walk.table[tick:]
         self.first = tick * self.substeps
         self.end: Outcome | None = None
-        step_ends = self.walk.step_ends - self.first * self.timestep()
-        course = Course(self.walk.total - self.first, step_ends, iter(table))
-        sensing = make_estimator(run, self.planned.body, place(self.physics, run, table[0]))
+        start = place(self.physics, run, self.walk.table[tick])
+        course, sensing = self.walk.part(tick), make_estimator(run, self.planned.body, start)
         forces = copied(self._forces)
         self.loop = ClosedLoop(self.physics, None, course, run, estimator=sensing, disturbances=forces)
         self.sensed = self.loop.sense()

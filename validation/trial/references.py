@@ -1,12 +1,14 @@
 """The plans that a walk follows, one after another, and their references at its control ticks."""
 
+import copy
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts
 from ampm.planner.support import check_contacts
@@ -24,26 +26,17 @@ _OUTSIDE = 0.1  # most distance of its ZMP from the support [m]: after a push a 
 _LATE = 0.02  # most time from asking for a plan to its begin [s]: a row of samples at 50 Hz
 
 
-@dataclass
-class Course:
-    """What a walk follows, and when it ends."""
-
-    total: int  # steps of the physics until it ends
-    step_ends: NDArray[np.float64]  # when each walking step ends, shape (steps,) [s]
-    references: Iterator[Reference]  # one for each control tick
-
-    def replan(self, time: float, state: State, touch: Touch) -> None:
-        """After a tick: change what is followed from the next one on."""
-
-
-class References(Course):
-    """References of the plan in force, one for each control tick.
+class References:
+    """What a walk follows, and when it ends: the plan in force at each control tick.
 
     A plan is sampled when it is handed over, for all of the walk, and not later. Without ``steps`` all of the
     plan in force is walked. The planner goes on planning from what the controller senses; the controller
     gets every plan, if it has ``follow``.
 
     Attributes:
+        total: steps of the physics until it ends.
+        step_ends: when each walking step ends, shape (steps,) [s].
+        references: one for each control tick.
         timing: look-ahead of the references.
         plans: all of them so far, as they were handed over; the last one is followed from the next tick on.
         tick: control period [s].
@@ -51,6 +44,7 @@ class References(Course):
     """
 
     table: Reference
+    step_ends: Array
 
     def __init__(
         self,
@@ -76,7 +70,7 @@ class References(Course):
         self.plans: list[FrozenPlan] = []
         self._tick = self._first = 0  # the next tick, and the first one of the table
         self._last: Reference | None = None
-        self.references = self._walk()
+        self.references: Iterator[Reference] = self._walk()
         self.follow(plan)
 
     def follow(self, plan: WalkPlan) -> None:
@@ -99,6 +93,13 @@ class References(Course):
         if self.controller is not None and hasattr(self.controller, "follow"):
             with UsersCode("controller", self.controller, walking=True):
                 self.controller.follow(plan, self.timing)
+
+    def part(self, tick: int) -> "References":
+        """The first plan from a tick on, as a walk that begins there and is not planned again."""
+        part, passed = copy.copy(self), tick * self.substeps
+        part.planner, part.references = None, iter(self.table[tick:])
+        part.total, part.step_ends = self.total - passed, self.step_ends - passed * self.time_step
+        return part
 
     def replan(self, time: float, state: State, touch: Touch) -> None:
         """After a tick: ask the planner where it is due, and follow what it makes from the next tick on."""

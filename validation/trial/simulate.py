@@ -34,7 +34,7 @@ from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
 from validation.trial.readings import DivergedEstimate, Sensors, make_estimator
 from validation.trial.record import SimulationRecord, support_height
-from validation.trial.references import Course, References
+from validation.trial.references import References
 from validation.trial.scene import surfaces
 from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
@@ -207,7 +207,7 @@ class ClosedLoop:
         self,
         physics: Physics,
         controller: Controller | None,
-        course: Course,
+        course: References,
         run: RunParameters,
         *,
         estimator: Estimator | None = None,
