@@ -29,7 +29,7 @@ from ampm.control.trunk import RIGHTING, fed_back_tilt
 from ampm.control.workspace import Workspace
 from ampm.linear import add_combination
 from ampm.stepping.stepper import Stepper
-from ampm.stepping.walker import follow
+from ampm.stepping.walker import update_reference
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
 _OLDEST = 0.005  # largest age of sensed forces that the other foot makes up for; older ones oscillate [s]
@@ -51,7 +51,7 @@ def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: f
     """
     update_kinematics(work, lag)
     if stepper is not None:
-        follow(work, stepper)
+        update_reference(work, stepper)
     else:
         follow_floor(work)
     landing = update_contacts(work, first)

@@ -18,9 +18,9 @@ RIGHTING = 4.0
 def fed_back_tilt(work: Workspace, tilt: Vector) -> Vector:
     """Tilt to be fed back, in world axes [rad].
 
-    It is averaged over the wanted window, up to :data:`~ampm.control.workspace.LONGEST`; without one the
-    present tilt is fed back. The time before the window first opens counts as upright. As a window closes,
-    the present tilt replaces mean and integral gradually.
+    It is averaged over the wanted window, up to :data:`~ampm.control.workspace.LONGEST_WINDOW`; without one
+    the present tilt is fed back. The time before the window first opens counts as upright. As a window
+    closes, the present tilt replaces mean and integral gradually.
 
     Args:
         work: gains, the planned trunk, whose first axis is the heading, and the memory of its tilt.

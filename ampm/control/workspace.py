@@ -22,7 +22,7 @@ from ampm.reference import FIELDS
 HEEL, BALL, TIP = 0, 1, 2
 """Lines of a foot's points."""
 
-LONGEST = 4.0
+LONGEST_WINDOW = 4.0
 """Longest time over which the tilt of the trunk is averaged [s]."""
 
 ANGULAR = 3.0
@@ -251,7 +251,7 @@ def make_workspace(
     scale[3:6] = ANGULAR
     sizes = {"nq": robot.nq, "nv": robot.nv, "nu": robot.nu, "P": len(points), "R": rows, "R + 7": rows + 7}
     lines = len(robot.sole_frames), 3
-    sizes |= {"U": len(problem.q) - 6, "M": math.ceil(LONGEST * gains.frequency)}
+    sizes |= {"U": len(problem.q) - 6, "M": math.ceil(LONGEST_WINDOW * gains.frequency)}
     return Workspace(
         gains=gains_of(gains),
         extrapolates=gains.hold == "first-order",

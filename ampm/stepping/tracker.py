@@ -1,7 +1,7 @@
 """A walk's plan as the stabiliser that steps follows it, phase by phase.
 
-On the plan nothing changes. Where the walk must leave it (:func:`ampm.stepping.walker.follow`), the plan is
-read by its own clock from the next tick on, which may be late or early. Every foot has a shift from its
+On the plan nothing changes. Where the walk must leave it (:func:`ampm.stepping.walker.must_leave`), the plan
+is read by its own clock from the next tick on, which may be late or early. Every foot has a shift from its
 planned place. In single support the standing foot's shift moves everything, in double support from one to the
 other; the swing foot's path moves to where the next step must be (:mod:`ampm.stepping.step_choice`).
 """

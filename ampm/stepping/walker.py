@@ -48,7 +48,7 @@ FEEL_TIME = 0.03
 
 
 @compiled
-def follow(work: Workspace, stepper: Stepper) -> None:
+def update_reference(work: Workspace, stepper: Stepper) -> None:
     """Decide on the plan whether to leave it; off the plan, replace the plan's reference of this tick."""
     state: SteppingState = work.stepping[0]
     wanted = work.wanted
