@@ -113,9 +113,10 @@ def _with_full_contacts(engine: Engine, model: mujoco.MjModel, data: mujoco.MjDa
         count = model.body_dofnum[segment]
         first, above = model.body_dofadr[segment], last[model.body_parentid[segment]]
         last[segment] = first + count - 1 if count else above
-    views = {name: all_rows(data, getattr(data.contact, name)) for name in _Motion._fields[:4]}
+    contacts = ("geom", "efc_address", "pos", "frame")
+    views = {name: all_rows(data, getattr(data.contact, name)) for name in contacts}
     views |= {name: getattr(model, name) for name in ("geom_bodyid", "body_rootid", "dof_parentid")}
-    views |= {name: getattr(data, name) for name in _Motion._fields[-4:]}
+    views |= {name: getattr(data, name) for name in ("qvel", "cdof_dot", "cvel", "subtree_com")}
     take_off = bound(_take_off, (refer(_Motion(last=last, **views)),), 0, data.efc_aref)
 
     def step1() -> None:
