@@ -212,7 +212,7 @@ class RunLog:
         self.record: Any = LoggedArrays(
             *(np.zeros(shape_of(name, sizes), INTEGERS.get(name, np.float64)) for name in LOGGED)
         )
-        self.parts = StepLog(
+        parts = StepLog(
             record=self.record,
             body=self.physics.body,
             command=self.command,
@@ -221,7 +221,7 @@ class RunLog:
             touching=self.touching,
             substeps=self.substeps,
         )
-        self.handle = refer(self.parts)
+        self.handle = refer(parts)
 
     def _rows(self, steps: int) -> dict[str, int]:
         """Numbers of rows of a walk of some steps, whose states are all kept."""
