@@ -26,9 +26,8 @@ from ampm.control.sole import share_sole
 from ampm.control.stabilizer import command_wrench, rotation_error
 from ampm.control.tasks import posture_task, sole_task, toe_task
 from ampm.control.trunk import RIGHTING, fed_back_tilt
-from ampm.control.workspace import Workspace
+from ampm.control.workspace import Stepper, Workspace
 from ampm.linear import add_combination
-from ampm.stepping.stepper import Stepper
 from ampm.stepping.walker import update_reference
 from ampm.vectors import minus, multiply, plus, put, times, vector
 

@@ -1,9 +1,8 @@
 """What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
 
 from ampm.compiled import compiled
-from ampm.control.workspace import TIP, SteppingState, Workspace
+from ampm.control.workspace import TIP, Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.stepping.stepper import Stepper
 from ampm.vectors import clip, column, dot
 
 SINK = 0.00075

@@ -13,9 +13,8 @@ import numpy as np
 
 from ampm.compiled import compiled
 from ampm.control.sole import sole_of
-from ampm.control.workspace import SteppingState, Workspace
+from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.stepping.stepper import Stepper
 from ampm.vectors import along_across, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40

@@ -14,12 +14,11 @@ import numpy as np
 
 from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
-from ampm.control.workspace import SteppingState, Workspace, rows_of
+from ampm.control.workspace import Curves, Stepper, SteppingState, Workspace, rows_of
 from ampm.geometry import Array
 from ampm.planner.contacts import Phase
 from ampm.reference import Timing, reference_type
 from ampm.stepping.floor import SINK
-from ampm.stepping.stepper import Curves, Stepper
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
 

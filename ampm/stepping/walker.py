@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import SteppingState, Workspace
+from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
 from ampm.stepping.step_choice import (
@@ -18,7 +18,6 @@ from ampm.stepping.step_choice import (
     quintic_tick,
     ramp_share,
 )
-from ampm.stepping.stepper import Stepper
 from ampm.vectors import along_across, clip, column, cross, minus, plus, put, times, vector
 
 DISTURBED = 0.006
