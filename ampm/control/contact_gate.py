@@ -14,37 +14,33 @@ weight.
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, TIP, Contact
+from ampm.control.workspace import BALL, TIP, Contact, Workspace
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""
 
 
 @compiled
-def update_gate(
-    wanted: Any, gains: Any, first: bool, close_lifted_tips: bool, missed: float, points: Any, lines: Any
-) -> bool:
-    """Advance the lines by one tick, and give the points their limits.
+def update_contacts(work: Workspace, first: bool) -> bool:
+    """Advance the lines by one tick, and give the points what is sensed at them, and their limits.
 
-    Args:
-        wanted: which lines are planned in contact, due, and until when.
-        gains: ``contact_ramp``, the time in which a line opens, and closes before its lift-off [s].
-        first: whether a run starts, standing on the planned points.
-        close_lifted_tips: whether tips off the floor carry no force: it would hold up a toe that a torque has
-            lifted.
-        missed: load below which a touch may be missed, as share of the weight; a planned line opens so far.
-        points: which of them touch.
-        lines: as the last tick left them.
+    A line opens, and closes before its lift-off, in the time ``contact_ramp``. ``first`` says whether a run
+    starts, standing on the planned points.
 
     Returns:
         Whether a line that is not fully open touches or has begun to open.
     """
-    ramp = gains.contact_ramp
-    rate = 1.0 / (gains.frequency * ramp)
+    wanted, points, lines, stepping = work.wanted, work.body.points, work.contact.lines, work.stepping[0]
+    ramp = work.gains.contact_ramp
+    rate = 1.0 / (work.gains.frequency * ramp)
+    # Force at a tip off the floor would hold up a toe that a torque has lifted.
+    close_lifted_tips = stepping.active and not stepping.off_plan
+    missed = min(work.sensed.threshold[0] / (work.body.mass * work.body.gravity), 1.0)
     lines.planned[:], lines.due[:], lines.touching[:] = wanted.planned, wanted.due, False
     if first:
         lines.touched[:], lines.opening[:] = wanted.planned, wanted.planned
     for i in range(len(points)):
+        points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
         if points[i].touching:
             lines[points[i].foot, points[i].line].touching = True
     landing = supported = False

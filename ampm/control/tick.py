@@ -16,7 +16,7 @@ import numpy as np
 
 from ampm.body.rigid_body import com_of, joint_torques, passive_torques, place_body, place_of, task_drift
 from ampm.compiled import compiled
-from ampm.control.contact_gate import land, update_gate
+from ampm.control.contact_gate import land, update_contacts
 from ampm.control.contact_qp import eliminate_tasks, fill_qp
 from ampm.control.floor import follow_floor
 from ampm.control.forces import point_forces, share_forces, wrench_map
@@ -106,17 +106,6 @@ def update_kinematics(work: Workspace, velocity_lag: float) -> None:
         multiply(body.link[foot.joint].turn, foot.turn, foot.pose)
     for i in range(len(body.points)):
         put(body.points[i].arm, minus(place_of(body.link, body.points[i]), from_root))
-
-
-@compiled
-def update_contacts(work: Workspace, first: bool) -> bool:
-    """Update which sole points may carry force; whether a line of them is landing."""
-    points, stepping, lines = work.body.points, work.stepping[0], work.contact.lines
-    for i in range(len(points)):
-        points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
-    close_lifted_tips = stepping.active and not stepping.off_plan
-    missed = min(work.sensed.threshold[0] / (work.body.mass * work.body.gravity), 1.0)
-    return update_gate(work.wanted, work.gains, first, close_lifted_tips, missed, points, lines)
 
 
 @compiled
