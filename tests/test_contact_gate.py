@@ -6,7 +6,7 @@ import pytest
 from ampm.compiled import refer
 from ampm.control.contact_gate import land, update_contacts
 from ampm.control.controller import TrackingController
-from ampm.control.workspace import BALL, HEEL, TIP, Contact, gains_of
+from ampm.control.workspace import BALL, HEEL, TIP, gains_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.parameters import RunParameters
 from tests.solved import COARSE, walk_of
@@ -105,15 +105,15 @@ def test_a_group_opens_over_the_ramp_once_one_of_its_points_has_touched(gate):
 def test_the_force_under_a_foot_is_given_as_it_lands_and_expected_as_it_leaves(gate, foot):
     """The torques for a given force press the foot down: one that leaves would stay on the floor."""
     due = {"lands": [True] * 3, "rolls": [False, False, True]}.get(foot, [False] * 3)
-    gate.work.sensed.normal_force[:] = 50.0
+    gate.work.sensed.normal_force[:] = 0.1 * gate.work.body.mass * gate.work.body.gravity
     gate.update(AIR, np.array([due, [True] * 3]), touch(left=(BALL,), right=(0, 1, 2)))
     gate.points["least"] = gate.points["largest"] = 0.0
-    forces, momentum = np.full(18, float(foot == "lets go")), np.zeros(6)  # it is still commanded to push
-    lines, rows = gate.lines, np.ones((6, 18))
-    contact = Contact(lines, lines, forces, forces, forces, rows, momentum, np.zeros((12, 3)))
-    land(GAINS, gate.points, 500.0, contact, 1.0, 0.0)
+    contact = gate.work.contact
+    contact.forces[:] = float(foot == "lets go")  # it is still commanded to push
+    contact.wrench_map[:], contact.momentum[:] = 1.0, 0.0
+    land(refer(gate.work), 1.0)
     ball, share = (gate.points["foot"] == 0) & (gate.points["line"] == BALL), 0.1 * GAINS.landing_share
     given = np.where(ball & (foot == "lands"), share, 0.0)
     assert gate.points["least"].tolist() == pytest.approx(given.tolist())
     assert gate.points["largest"].tolist() == gate.points["least"].tolist()
-    assert momentum.tolist() == pytest.approx([-2.0 * share * (foot == "leaves")] * 6)
+    assert contact.momentum.tolist() == pytest.approx([-2.0 * share * (foot == "leaves")] * 6)

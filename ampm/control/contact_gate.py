@@ -11,13 +11,13 @@ not press with more. So a planned line that does not touch opens a little: the s
 weight.
 """
 
-from typing import Any
-
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, TIP, Contact, Workspace
+from ampm.control.workspace import BALL, TIP, Workspace
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""
+OLDEST = 0.005
+"""Largest age of sensed forces that the other foot makes up for; older ones oscillate [s]."""
 
 
 @compiled
@@ -70,7 +70,7 @@ def update_contacts(work: Workspace, first: bool) -> bool:
 
 
 @compiled
-def land(gains: Any, points: Any, weight: float, contact: Contact, since: float, gain: float) -> None:
+def land(work: Workspace, load_age: float) -> None:
     """Account for points of landing lines, whose forces differ from those commanded.
 
     The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
@@ -83,13 +83,13 @@ def land(gains: Any, points: Any, weight: float, contact: Contact, since: float,
     the commanded net wrench.
 
     Args:
-        gains: of the controller.
-        points: their force limits are raised.
-        weight: of the body [N].
-        contact: forces of the last tick; the expected forces are taken from its wanted momentum.
-        since: time from the last tick to the sensed forces, in ticks [1].
-        gain: ``landing_compensation``, or 0 where the sensed forces are too old [1].
+        work: the points' force limits are raised, and the expected forces taken from the wanted momentum.
+        load_age: how old the measured normal forces are [s].
     """
+    gains, points, contact = work.gains, work.body.points, work.contact
+    weight = work.body.mass * work.body.gravity
+    since = 1.0 - load_age * gains.frequency if work.extrapolates else 0.0  # ticks, from the last one
+    gain = gains.landing_compensation if load_age <= OLDEST else 0.0
     forces, change, momentum = contact.forces, contact.change, contact.momentum
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i

@@ -31,8 +31,6 @@ from ampm.linear import add_combination
 from ampm.stepping.walker import update_reference
 from ampm.vectors import minus, multiply, plus, put, times, vector
 
-_OLDEST = 0.005  # largest age of sensed forces that the other foot makes up for; older ones oscillate [s]
-
 
 @compiled
 def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: float, first: bool) -> bool:
@@ -167,9 +165,7 @@ def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
     contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
-        since = 1.0 - load_age * work.gains.frequency if work.extrapolates else 0.0
-        gain = work.gains.landing_compensation if load_age <= _OLDEST else 0.0
-        land(work.gains, body.points, weight, contact, since, gain)
+        land(work, load_age)
     right_load = work.wanted.right_load[0]
     fill_qp(body.points, contact, tasks.system, right_load, work.gains, work.problem)
 
