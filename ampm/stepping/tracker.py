@@ -16,7 +16,7 @@ from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
 from ampm.control.workspace import Curves, Stepper, SteppingState, Workspace, rows_of
 from ampm.geometry import Array
-from ampm.planner.contacts import Phase
+from ampm.planner.contacts import Contacts, Phase
 from ampm.reference import Timing, reference_type
 from ampm.stepping.floor import SINK
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
@@ -29,6 +29,22 @@ CYCLE = 4
 BACK = 0.005  # distance from the plan within which a walk is on it again [m]
 STILL = 0.05
 """Speed up to which a COM is at rest [m/s]."""
+
+
+def walks_on(contacts: Contacts, com_velocity: Array) -> bool:
+    """Whether the COM still moves at a plan's end, after which the plan's last cycle is then repeated."""
+    return bool(np.abs(com_velocity).max() > STILL) and len(contacts.phases) > CYCLE
+
+
+def repeated(contacts: Contacts, index: Any, goes_on: bool) -> tuple[Any, Array]:
+    """Phases of the plan that phases ``index``, shape (...), repeat, and the way from there (..., 3) [m]."""
+    phases, placements = len(contacts.phases), contacts.placements[:, 0]
+    if not goes_on:
+        return np.minimum(index, phases - 1), np.zeros((*np.shape(index), 3))
+    cycles = np.maximum(index - phases, -1) // CYCLE + 1
+    way = np.multiply.outer(cycles, placements[-1] - placements[-1 - CYCLE])
+    way[..., 2] += way[..., :2] @ contacts.slope
+    return np.maximum(index - CYCLE * cycles, 0), way
 
 
 class StepTracker:
@@ -69,8 +85,8 @@ class StepTracker:
         self._pass_time = bound(pass_time, (states, self._stepper.tick))
         self._index, self._loaded, self._next = -1, -1, -math.inf
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
-        end = plan.sample(np.array([plan.duration])).com_velocity
-        self._goes_on = bool(np.abs(end).max() > STILL) and len(plan.contacts.phases) > CYCLE
+        end = plan.sample(np.array([plan.duration]))
+        self._goes_on = walks_on(plan.contacts, end.com_velocity)
         self._coarse = self._coarse_curves()
         self._tables = [self._table(phase) for phase in plan.contacts.phases]
 
@@ -96,21 +112,8 @@ class StepTracker:
             self._clock[0] = time - self._starts[self._index]
         return self._handle
 
-    def _source(self, index: int) -> tuple[int, Array]:
-        """Phase of the plan that phase ``index`` repeats, and the way from there, shape (3,) [m].
-
-        After the plan's end its last cycle is repeated.
-        """
-        contacts = self.plan.contacts
-        cycles = max(index - len(contacts.phases), -1) // CYCLE + 1
-        if not (cycles and self._goes_on):
-            return min(index, len(contacts.phases) - 1), np.zeros(3)
-        way = cycles * (contacts.placements[-1, 0] - contacts.placements[-1 - CYCLE, 0])
-        way[2] += way[:2] @ contacts.slope
-        return max(index - CYCLE * cycles, 0), way
-
     def _phase(self, index: int) -> Phase:
-        return self.plan.contacts.phases[self._source(index)[0]]
+        return self.plan.contacts.phases[repeated(self.plan.contacts, index, self._goes_on)[0]]
 
     def _reset(self) -> None:
         """Set the state to that of a walk on the plan, but keep the floor's height."""
@@ -175,7 +178,7 @@ class StepTracker:
 
     def _load(self) -> None:
         """Give table and curves of the present phase to the compiled functions."""
-        source, offset = self._source(self._index)
+        source, offset = repeated(self.plan.contacts, self._index, self._goes_on)
         table = rows_of(self._tables[source].copy())
         table.com[:] += offset
         table.foot_position[:] += offset

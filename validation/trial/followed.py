@@ -17,7 +17,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
 from ampm.planner.newton import ALLOWED, check_newton, zmp_of_com
-from ampm.stepping.tracker import CYCLE, STILL
+from ampm.stepping.tracker import repeated, walks_on
 from ampm.walk import WalkPlan
 
 SAME = 1e-9  # time before an instant that counts as the instant [s]
@@ -198,11 +198,10 @@ class Followed:
         )
         swing, begun = state["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
         phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
-        goes_on = np.abs(frozen.rows.com_velocity[-1]).max() > STILL
+        goes_on = walks_on(contacts, frozen.rows.com_velocity[-1])
         over = every[:0]  # those whose next phase has begun
         while True:
-            again = np.maximum(index - phases, -1) // CYCLE + 1
-            source = np.minimum(np.maximum(index - CYCLE * again, 0), phases - 1)
+            source, way = repeated(contacts, index, goes_on)
             single[over] = contacts.kind_codes[source[over]] == 0
             stance[over] = np.where(single[over], contacts.stance_codes[source[over]], stance[over])
             rate[over], clock[over], begun[over], step[over] = 1.0, 0.0, 0.0, 0.0
@@ -218,14 +217,9 @@ class Followed:
             index[over] += 1
         clock = np.minimum(clock + rate * left, duration)
         columns = dict(vars(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source]))))
-        repeated = np.zeros((len(times), 3))
-        if again.any():
-            way = contacts.placements[-1, 0, :2] - contacts.placements[-1 - CYCLE, 0, :2]
-            repeated[:, :2] = again[:, None] * way
-            repeated[:, 2] = repeated[:, :2] @ contacts.slope
         old, new = shift[every, stance], shift[every, 1 - stance]
         done = np.where(single, 0.0, clock / duration)[:, None]
-        base = repeated + old + done * (new - old)
+        base = way + old + done * (new - old)
         speed = np.where(single, 0.0, rate / duration)[:, None] * (new - old)
         target = _target(shift, stance, step)
         target[:, 2] += step[:, :2] @ contacts.slope
@@ -233,11 +227,11 @@ class Followed:
         feet, ahead = shift.copy(), shift[:, :, :2].copy()  # of the feet, and of their next footsteps
         feet[every, 1 - stance] = np.where(single[:, None], swing + swung * (target - swing), new)
         ahead[every, 1 - stance] = np.where(single[:, None], target, new)[:, :2]
-        plan, on_floor = frozen.plan, columns["feet"].reshape(-1, 2, 3) + feet + repeated[:, None]
+        plan, on_floor = frozen.plan, columns["feet"].reshape(-1, 2, 3) + feet + way[:, None]
         heading = columns["headings"][every, stance]
         com = columns["com"] + base + np.pad(state["height"][:, :1], ((0, 0), (2, 0)))
         velocity = rate[:, None] * columns["com_velocity"] + speed
-        com[:, 2] += repeated[:, 2] - base[:, 2]
+        com[:, 2] += way[:, 2] - base[:, 2]
         velocity[:, 2] += state["height"][:, 1] - speed[:, 2]
         omega = np.sqrt(plan.gravity / plan.com_height)
         moved = {
@@ -251,8 +245,8 @@ class Followed:
             "floor": np.where(single, on_floor[every, stance, 2], on_floor[:, :, 2].mean(axis=1)),
             "force": plan.mass * (columns["com_acceleration"] + [0.0, 0.0, plan.gravity]),
             "moment": rate[:, None] * columns["moment"],
-            "left_placement": columns["left_placement"] + repeated[:, :2] + ahead[:, 0],
-            "right_placement": columns["right_placement"] + repeated[:, :2] + ahead[:, 1],
+            "left_placement": columns["left_placement"] + way[:, :2] + ahead[:, 0],
+            "right_placement": columns["right_placement"] + way[:, :2] + ahead[:, 1],
             "heading": heading,
             "feet": on_floor.reshape(-1, 6),
             "headings": np.column_stack([heading, heading]),
