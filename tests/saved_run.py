@@ -46,7 +46,7 @@ def make_run(
     for joint, angle in angles.items():
         q[:, 7 + record.joint_names.index(joint)] = angle
     with patch("validation.run.walk.simulate", lambda *_, **__: replace(record, q=q)):
-        trial = walk_planned(planned).judged(DEFAULT, uncertainty)
+        trial = walk_planned(planned).judged(DEFAULT, uncertainty).judged(DEFAULT)
     return trial.save(directory, recording=False)
 
 

@@ -117,6 +117,7 @@ def test_without_angular_momentum_a_rolling_zmp_explains_as_much():
         assert ampm == pytest.approx(rolling, abs=2e-3), signal
     assert scores["force_x"]["pendulum"]["single"]["share"] > 0.99
     assert math.isnan(scores["angular_momentum_y"]["ampm"]["stride"]["share"])
+    assert "explains 100 % of the ZMP and 100 % of the force" in fit.sentence
     assert "L_y rests" in fit.sentence
 
 

@@ -175,7 +175,8 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     assert small.doubt("margin_measured_polygon", "m") == 1e-3
     studied = replace(side, study=Uncertainty("a", 6, {"zmp_x_rmse": 1e-3, "zmp_y_rmse": 0.0}))
     assert studied.doubt("zmp_x_rmse", "m") == 1e-3
-    assert studied.doubt("zmp_y_rmse", "m") == pytest.approx(1e-6 * side.number("zmp_y_rmse"))
+    doubts = [studied.doubt("zmp_y_rmse", unit) for unit in ("m", "rad")]  # of a unit without a floor, too
+    assert doubts == pytest.approx([1e-6 * side.number("zmp_y_rmse")] * 2)
     twice = changed(side, {"zmp_x_rmse": 2.0 * side.number("zmp_x_rmse")})
     row = next(row for row in comparison_of([side, twice]).rows if row.name == "zmp_x_rmse")
     assert row.doubt == pytest.approx(SHARE * row.values[0])  # of the smaller value

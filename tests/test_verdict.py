@@ -282,6 +282,9 @@ def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
     assert (margins["speed"].value, margins["speed"].time) == (0.75, record.time[60])
     assert margins["joint"].value == pytest.approx(0.1)
     assert (margins["saturated"], length) == (10 / record.steps, 0.2)
+    for limit, excess in ((4.0, 0.0), (2.0, 0.5)):
+        body.speed_limits = [("knee", limit)]
+        assert evaluate(compare(plan, bent, measured, description=body))["speed_excess"] == excess
 
 
 def recovery_time(found, profile="default"):
