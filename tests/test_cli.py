@@ -247,27 +247,33 @@ import os, signal, sys
 import validation.run.walk as trial
 from validation.cli.entry import main
 
-def at_step_500(*args, progress, **options):
+def in_simulate(*args, progress, **options):
     def advance(done, total):
         if done == 500:
             os.kill(os.getpid(), signal.SIGINT)
         progress(done, total)
     return original(*args, progress=advance, **options)
 
-original, trial.simulate = trial.simulate, at_step_500
+def in_measure(*args):
+    os.kill(os.getpid(), signal.SIGINT)
+    return original(*args)
+
+original, trial.{name} = trial.{name}, in_{name}
 main()
 """
+ENDED = {"simulate": ("interrupted", "not_measured"), "measure": ("completed", "pass")}
 
 
-def test_ctrl_c_keeps_what_was_walked(tmp_path):
-    out = tmp_path / "run"
-    command = [sys.executable, "-c", INTERRUPTED, "validate", "normal", *SHORT, "--out", str(out)]
+@pytest.mark.parametrize("name", ENDED)
+def test_ctrl_c_keeps_what_was_walked(tmp_path, name):
+    out, code = tmp_path / "run", INTERRUPTED.format(name=name)
+    command = [sys.executable, "-c", code, "validate", "normal", *SHORT, "--out", str(out)]
     answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert answer.returncode == Status.INTERRUPTED, answer.stderr
     assert "Traceback" not in answer.stderr
     summary = json.loads((out / "summary.json").read_text())
-    assert (summary["outcome"], summary["verdict"]) == ("interrupted", "not_measured")
-    assert load_record(out).steps in (500, 501)
+    assert (summary["outcome"], summary["verdict"]) == ENDED[name]
+    assert (load_record(out).steps in (500, 501)) is (name == "simulate")
     assert call(["replay", str(out)]) == Status.PASS
 
 
