@@ -130,6 +130,7 @@ def test_a_simulated_walk_returns_its_plan_and_a_gait_to_walk(run_of, tmp_path, 
     assert answer.json["constants"]["c_single_x"]["value"] == fit.constants["c_single_x"].value
     walked = load_run(tmp_path / "fit" / "gait.toml")
     assert walked.gait.step_length == pytest.approx(0.6, abs=1e-3)
+    assert answer.json["gait"]["gait"]["step_length"] == walked.gait.step_length
     assert walked.body.mass == pytest.approx(60.0, rel=1e-3)
     assert ampm("plan", tmp_path / "fit" / "gait.toml").status == 0
     assert fit.sentence in (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")

@@ -234,10 +234,10 @@ def test_curves_share_a_clock_if_a_walk_has_no_stride(sides):
     run = sides[1].run
     short = replace(run, signals=run.signals.take(np.arange(300)))
     for second, title in ((run, "two steps"), (short, "whole run")):
-        keys, pictures = draw_walks([sides[0], replace(sides[1], run=second)])
+        (_, _), pictures = draw_walks([sides[0], replace(sides[1], run=second)])
         (chart,) = pictures[0].charts
-        assert len(keys) == 2
         assert title in chart.title
+        assert max(np.nanmax(np.abs(mark.points[:, 1])) for mark in chart.marks if mark.label) < 300.0  # [mm]
         lengths = [mark.points[-1, 0] for mark in chart.marks if mark.label]
         whole = [side.signals.time[-1] for side in (sides[0].run, second)]
         assert (lengths == pytest.approx(whole, abs=0.01)) == (title == "whole run")

@@ -182,7 +182,7 @@ def test_tables_and_json():
     notes = {(cell.task, cell.name): cell.notes for cell in found.cells if cell.name != "lipm"}
     slower = ("17% slower than the task's median",)
     assert notes == {place: slower if place[1] == "dcm" else () for place in notes}
-    assert "of 12 differences" in found.sentence
+    assert found.sentence.endswith(" of 12 differences within a task are decided.")
     assert found.extremes.keys() == {f"{name}-{end}" for name in ERRORS for end in ("best", "worst")}
     assert found.extremes["lipm-best"] < 32 <= found.extremes["lipm-worst"]  # it fell in the second task
 
