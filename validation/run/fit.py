@@ -104,7 +104,6 @@ class Fit(Tabled):
         """
         target = Path(directory)
         check_target(target, _FILES, force=force, what="fit", marks=("fit.json",))
-        target.mkdir(parents=True, exist_ok=True)
         (target / "gait.toml").unlink(missing_ok=True)  # of an earlier fit
         write_json(target / "fit.json", self.as_dict())
         if self.gait is not None:
