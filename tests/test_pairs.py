@@ -21,7 +21,7 @@ from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare import comparison
 from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, comparison_of
-from validation.study.compare.report import COMPARISON_FILE, REPORT, draw_walks, load_comparison, render
+from validation.study.compare.report import COMPARISON_FILE, REPORT, draw_walks, render
 from validation.study.robustness.cells import Cell
 from validation.study.robustness.result import CellResult, Robustness
 
@@ -57,7 +57,7 @@ def test_finished_runs_of_two_planners(folders, tmp_path, ampm):
         assert (out / walk["run"]).samefile(folder)
         assert f'<a href="{walk["run"]}/recording.rrd">' in page
         assert (folder / "recording.rrd").is_file()
-    assert load_comparison(out).sentence == found["sentence"]
+    assert (ampm("report", out).status, (out / REPORT).read_text(encoding="utf-8")) == (0, page)
     assert page.count("<img alt=") == 6
 
 
