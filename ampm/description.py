@@ -5,6 +5,7 @@ The model's builder fills one :class:`BodyDescription`; nothing else in the proj
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 SOLE_POINT_GROUPS = ("heel", "ball", "tip")
 """Contact groups of one sole, back to front. A sole has two points in each, left then right; one without toes
@@ -84,6 +85,13 @@ class Passive:
     friction: float  # dry [N m]
 
 
+class UprightLegs(NamedTuple):
+    """How legs stay upright, as soles roll if they lean: the trunk sways above hips that do not move."""
+
+    width: float  # distance of the soles' reference points [m]
+    c_y: float  # force line with which nothing but the trunk sways [1]
+
+
 @dataclass(frozen=True)
 class BodyDescription:
     """Roles of a body's joints, segments and frames.
@@ -111,6 +119,7 @@ class BodyDescription:
     torque_limits: tuple[tuple[str, float], ...]  # (joint, largest torque [N m]), in actuator order
     spread: tuple[tuple[str, float], ...] = ()  # (joint, sign) that body.arm_abduction turns at rest
     rest: tuple[tuple[str, float], ...] = ()  # (joint, angle [rad]) of those that do not rest at 0
+    upright: UprightLegs | None = None  # if the ankles do not roll
     speed_limits: tuple[tuple[str, float], ...] = ()  # (joint, largest speed [rad/s]), where there is a limit
     passive: tuple[Passive, ...] = ()  # of the hinges that have passive torques
 
@@ -118,6 +127,11 @@ class BodyDescription:
     def legs(self) -> tuple[LegDescription, LegDescription]:
         """Left leg, right leg."""
         return (self.left_leg, self.right_leg)
+
+    @property
+    def ankles_roll(self) -> bool:
+        """Whether a leg holds its sole flat, whatever it does; else the sole rolls as the leg leans."""
+        return self.upright is None
 
     @property
     def scale(self) -> float:

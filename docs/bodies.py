@@ -29,6 +29,15 @@ _OP3 = {
     },
     "damping": {".*": 0.1},  # a tenth of the model's
 }
+_H1 = {
+    "sole": {
+        "heel": -0.05,
+        "front": 0.15,
+        "bottom": -0.07,
+        "heel_half_width": 0.03,
+        "front_half_width": 0.03,
+    }
+}  # its foot is of capsules
 _ICUB = {"gyration": {"._wrist_1": 0.05}, "armature": {"._wrist_prosup": 0.0005}}
 _ROMEO = {
     "sole": tomllib.loads(body_path("romeo").read_text(encoding="utf-8"))["body"]["sole"]
@@ -42,7 +51,7 @@ MODELS = {
     "cmu": ("dm_control:suite/humanoid_CMU.xml", {}),
     "g1-playground": (f"{_PLAYGROUND}g1/xmls/g1_mjx_feetonly.xml", {}),
     "g1-proposed": (f"{_DATA}g1_description/urdf/g1_29dof_rev_1_0.urdf", {}),
-    "h1": (f"{_PLAYGROUND}h1/xmls/h1_mjx_feetonly.xml", {}),
+    "h1": (f"{_PLAYGROUND}h1/xmls/h1_mjx_feetonly.xml", _H1),
     "human-urdf": (f"{_DATA}human_description/robots/human.urdf", {}),
     "icub-proposed": (f"{_DATA}icub_description/robots/icub_reduced.urdf", _ICUB),
     "op3": (f"{_PLAYGROUND}op3/xmls/op3_mjx_feetonly.xml", _OP3),

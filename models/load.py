@@ -12,7 +12,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ampm.description import SOLE_POINT_GROUPS, BodyDescription, LegDescription, Passive, SoleGeometry
+from ampm.description import (
+    SOLE_POINT_GROUPS,
+    BodyDescription,
+    LegDescription,
+    Passive,
+    SoleGeometry,
+    UprightLegs,
+)
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import HUMAN, RunParameters
@@ -25,7 +32,8 @@ from models.tree import Tree
 
 _COLOUR = (0.45, 0.52, 0.60, 1.0)
 LEG_JOINTS = 6
-_SIDEWAYS = 0.7  # least part along y of a knee's axis [1]
+"""Hinges of a leg that holds its sole flat, whatever it does."""
+_SIDEWAYS = 0.7  # least part along y of the axis of a knee, or of the ankle's pitch [1]
 _LEAST_PART = 0.2  # of thigh or shank, of both together [1]
 _LEAST_BEND = 0.1  # range of a knee [rad]
 _EVEN = 0.2  # most difference of both ways from a straight knee, over its range: less shows none [1]
@@ -84,9 +92,11 @@ class Writer:
         for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [k for k in self._path(foot) if k not in shared]
-            if len(joints) != LEG_JOINTS:
+            pitches = joints[-2:-1] == [knee] and abs(tree.hinges[joints[-1]].axis[1]) > _SIDEWAYS
+            if len(joints) != LEG_JOINTS and not (len(joints) == LEG_JOINTS - 1 and pitches):
                 why = (
-                    "which cannot hold a sole flat: that takes 6; take another model, or correct foot or lock"
+                    "which cannot hold a sole flat: that takes 6, or 3 at the hip, the knee and the ankle's "
+                    "pitch; take another model, or correct foot or lock"
                     if len(joints) < LEG_JOINTS
                     else "of which hip and sole determine 6; lock the others, and if they are toes, give the "
                     "segment that they hang on as foot, and its sole"
@@ -273,6 +283,7 @@ class Writer:
             ),
             torque_limits=limits,
             rest=self._rest(),
+            upright=self._upright(com_height, floor),
             speed_limits=tuple((h.name, h.speed) for h in tree.hinges if math.isfinite(h.speed)),
             passive=tuple(
                 Passive(hinge.name, hinge.damping, hinge.stiffness, hinge.spring, hinge.friction)
@@ -281,6 +292,26 @@ class Writer:
             ),
         )
         return BodyModel(scene.to_xml(model), description, tree.findings)
+
+    def _upright(self, com_height: float, floor: float) -> UprightLegs | None:
+        """How legs stay upright whose ankles do not roll; the heights are of COM and floor [m].
+
+        The trunk sways as a pendulum about the hips; c_y is the height of the COM over that of its end.
+        """
+        leg = self.legs[0]
+        if len(leg.joints) == LEG_JOINTS:
+            return None
+        legs, hips = {*leg.joints, *self.legs[1].joints}, float(self._anchor_about(leg.hip, 0)[2])
+        first = second = 0.0  # moments of what the hips carry, about the axis along x between them
+        for k, segment in enumerate(self.tree.segments):
+            if not legs.intersection(self._path(k)):
+                part = segment.inertial
+                _, aside, above = segment.place + part.com - (0.0, 0.0, hips)
+                first += part.mass * above
+                second += part.inertia[0, 0] + part.mass * (aside**2 + above**2)
+        sole = self.tree.segments[leg.foot].place + self.tree.foot_offset
+        width = 2.0 * (float(sole[1]) + self.file.sole.middle)
+        return UprightLegs(width, com_height / (hips - floor + second / first))
 
     def _add_segments(self, model: Element, root: Element, floor: float) -> list[Element]:
         """Write all segments; ``floor`` is its height in the source [m]."""

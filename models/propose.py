@@ -78,7 +78,12 @@ class _Proposal:
         legs = [[joint for joint in self.chains[end] if joint not in shared] for end in ends]
         bends = [[joint for joint in leg if abs(left[joint]) > _LATERAL] for leg in legs]
         count, names = len(legs[0]), " and ".join(model.body(end).name for end in ends)
-        few = f"{count} joints, which cannot hold a sole flat: that takes {LEG_JOINTS}" * (count < LEG_JOINTS)
+        least, few = LEG_JOINTS - 1, ""
+        if count < least:
+            few = (
+                f"{count} joints, which cannot hold a sole flat: that takes {LEG_JOINTS}, or {least} without "
+            )
+            few += "a roll of the ankle"
         if few or min(map(len, bends)) < 2:
             lack = f"{few or 'no knee'}; take another"
             raise InputError(f"the model has no legs to walk on: what ends at {names} has {lack}.")

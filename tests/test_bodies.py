@@ -12,6 +12,8 @@ import pytest
 import tomli_w
 
 from ampm.body.feasibility import joint_groups
+from ampm.body.motion import PeriodicPosture
+from ampm.exceptions import BodilyRefusal
 from ampm.parameters import BodyParameters, RunParameters
 from ampm.planner import routes
 from models.source import body_path
@@ -110,6 +112,40 @@ def test_a_body_without_arms_lets_its_legs_swing() -> None:
     assert planned.run.body.angular_momentum_z == "free"
     assert planned.tuned is not None
     assert planned.tuned.worst() > 0.5
+
+
+def test_a_body_whose_ankles_do_not_roll_keeps_its_legs_upright(tmp_path: Path) -> None:
+    text = body_path("suite-humanoid").read_text(encoding="utf-8")
+    path = tmp_path / "body.toml"
+    path.write_text(text.replace("[body]", '[body]\nlock = [".*_ankle_x"]'), encoding="utf-8")
+    planned = tune_walk(load_request(None, [f"body.source={path}", "gait.steps=6"]))
+    robot, d = planned.body.robot, planned.body.robot.description
+
+    # What the hips carry is a pendulum about the axis between them.
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
+    legs = {joint for leg in d.legs for joint in leg.joints}
+    carried = [k for k, name in enumerate(robot.model.names) if k > 0 and name not in legs]
+    upper = sum((data.oMi[k].act(robot.model.inertias[k]) for k in carried), pin.Inertia.Zero())
+    com = pin.centerOfMass(robot.model, data, pin.neutral(robot.model))[2]
+    soles = [pin.updateFramePlacement(robot.model, data, frame).translation for frame in robot.sole_frames]
+    hips = data.oMi[robot.model.getJointId("left_hip_x")].translation[2]
+    lever = upper.lever[2] - hips
+    length = (upper.inertia[0, 0] / upper.mass + lever**2) / lever
+    assert d.upright is not None
+    assert d.upright == pytest.approx(
+        (soles[0][1] - soles[1][1], (com - soles[0][2]) / (hips - soles[0][2] + length))
+    )
+
+    posture = planned.plan.posture
+    assert isinstance(posture, PeriodicPosture)
+    turns = [robot.jacobian(q).sole_turn for q in posture.motion.q]
+    assert np.abs(np.array(turns)[:, 0, 2, 1]).max() < 0.002  # the standing foot
+    trial = walk(planned.run)
+    assert trial.record.outcome.completed
+    assert trial.metrics["zmp_y_rmse"].value < 0.004
+    with pytest.raises(BodilyRefusal, match=r"walks straight: the largest heading of a footstep is 0\.3"):
+        walk(RunParameters(body=planned.run.body), footsteps=routes.turn(4, 0.35, d.upright.width))
 
 
 def test_dry_friction_of_joints_is_overcome_where_the_posture_is_constant(tmp_path: Path) -> None:

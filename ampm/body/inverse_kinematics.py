@@ -83,8 +83,7 @@ class InverseKinematics:
             self.rest[robot.velocity_indices((joint,)) - 6] = angle
         free = np.ones(robot.nu, dtype=bool)
         free[np.concatenate(robot.leg_joints) - 6] = False
-        body, rows = robot.rigid_body, np.arange(robot.task_rows)
-        position_rows = np.delete(rows, [3, 4, 5])  # a configuration has no angular momentum
+        body, rows = robot.rigid_body, np.delete(np.arange(robot.task_rows), robot.roll_rows)
         self.body = Kinematics(
             tree=body.tree,
             link=body.link,
@@ -92,9 +91,10 @@ class InverseKinematics:
             trunk=body.trunk,
             columns=body.columns,
             rows=rows if run.body.angular_momentum_z == "zero" else np.delete(rows, _L_Z),
-            position_rows=position_rows,
+            position_rows=np.delete(rows, [3, 4, 5]),  # a configuration has no angular momentum
+            roll_rows=robot.roll_rows,
             toes=robot.toe_joints + 1,
-            miss=np.zeros(len(position_rows)),
+            miss=np.zeros(robot.task_rows),
             weight=robot.by_group(POSTURE_WEIGHTS),
             rest=self.rest,
             free=free,
@@ -158,7 +158,7 @@ class InverseKinematics:
 
     def _miss(self, time: float) -> Unreachable:
         """Message for the errors of the state that was placed last."""
-        left, right = np.abs(self.body.miss[3:15]).reshape(2, 6).max(axis=1)
+        left, right = np.abs(self.body.miss[6:18]).reshape(2, 6).max(axis=1)
         side = "left" if left >= right else "right"
         return Unreachable(time, f"the {side} leg does not reach from the hip to the planned foot")
 

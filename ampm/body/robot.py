@@ -52,6 +52,7 @@ class Robot:
         gaps: parts that come closest at configurations (T, nq); the model's owner knows their shapes.
 
     Attributes:
+        roll_rows: task rows of the rolls of soles that legs without a roll of the ankle cannot hold.
         lower, upper: joint limits, shape (nu,) [rad].
         torque_limit: largest torque of every hinge, shape (nu,) [N m].
         speed_limit: largest rate of every hinge, infinite where there is no limit, shape (nu,) [rad/s].
@@ -73,6 +74,7 @@ class Robot:
         self.trunk_frame = self._frame(description.trunk_segment)
         self.toe_joints = self.velocity_indices(tuple(toe for leg in description.legs for toe in leg.toes))
         self.task_rows = TASK_ROWS + len(self.toe_joints)
+        self.roll_rows = np.array([] if description.ankles_roll else [9, 15], dtype=np.intp)
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))
         self._knee_signs = np.array([leg.knee_sign for leg in description.legs])
         self.straight_knees = np.array([leg.straight_knee for leg in description.legs])

@@ -25,6 +25,7 @@ CORRECTED = 1e-9
 _FAR = 0.05  # error after a step of the grid at which the legs no longer follow [m, rad]
 _MOST = 26  # iterations of a correction
 _LONGEST = 0.3  # largest change of a coordinate in one iteration [m, rad]
+_LEVEL = 20.0  # rate at which the sole of a leg without a roll of the ankle is laid flat [1/s]
 _L_Z = 5  # row of the angular momentum about z
 
 
@@ -38,8 +39,9 @@ class Kinematics(NamedTuple):
     columns: Array  # transposed task Jacobian of that state, shape (nv, R)
     rows: Rows  # of the tasks, shape (m,)
     position_rows: Rows  # of the tasks that a configuration has, shape (P,)
+    roll_rows: Rows  # of the rolls of both soles if the legs cannot hold them, see `standing_roll`
     toes: Rows  # indices of the toe joints in q, shape (T,)
-    miss: Array  # errors of the positions of the state that was placed last, shape (P,)
+    miss: Array  # errors of the positions of the state that was placed last, by task row, shape (R,) [m, rad]
     weight: Array  # W of the coordinates, shape (nv,)
     rest: Array  # angles of the hinges at rest, shape (nu,) [rad]
     free: NDArray[np.bool_]  # hinges with a posture, those that are not of the legs, shape (nu,)
@@ -60,23 +62,23 @@ class StepTrajectory(NamedTuple):
 
 @compiled
 def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
-    """Place a body; the largest error of COM, soles (place, then rotation vector) and toe joints at node k.
+    """Place a body; the largest error of the positions at node k [m, rad].
 
-    The errors are written to ``body.miss``.
+    The errors of COM, soles (place, then rotation vector) and toe joints are written to ``body.miss``.
     """
     place_body(body.tree, body.link, body.soles, q, body.columns)
     link, error = body.link, body.miss
     root, pose = (q[0], q[1], q[2]), np.empty((3, 3))
     put(error[0:3], minus(vector(tasks.position[k, 0]), plus(root, com_of(link))))
     for i in range(len(body.soles)):
-        sole, row = body.soles[i], 3 + 6 * i
+        sole, row = body.soles[i], 6 + 6 * i
         multiply(link[sole.joint].turn, sole.turn, pose)
         put(error[row : row + 3], minus(vector(tasks.position[k, 1 + i]), plus(root, place_of(link, sole))))
         put(error[row + 3 : row + 6], rotation_vector(tasks.rotation[k, i], pose))
-    first = 3 + 6 * len(body.soles)
+    first = 6 + 6 * len(body.soles)
     for i in range(len(body.toes)):
         error[first + i] = tasks.toe[k, i] - q[body.toes[i]]
-    return np.abs(error).max()
+    return np.abs(error[body.position_rows]).max()
 
 
 @compiled
@@ -165,7 +167,9 @@ def correct(body: Kinematics, tasks: StepReference, k: int, q: Array, tolerance:
             break
         if not size < far or iteration == _MOST - 1:
             return False
-        change = nearest(tasks_of(body, body.position_rows), np.zeros(len(body.weight)), body.miss)
+        change = nearest(
+            tasks_of(body, body.position_rows), np.zeros(len(body.weight)), body.miss[body.position_rows]
+        )
         q[:] = moved(q, limited(change, _LONGEST))
         converged = size * size < tolerance  # Newton's next error is about the square of the last
         size = place(body, tasks, k, q)
@@ -181,11 +185,23 @@ def upright(body: Kinematics, tasks: StepReference, k: int, q: Array) -> Array:
     for _ in range(60):
         place(body, tasks, k, q)
         pull = posture(body, q, still, 0.0, 0.0) / body.stiffness
-        change = nearest(tasks_of(body, body.position_rows), pull, body.miss)
+        change = nearest(tasks_of(body, body.position_rows), pull, body.miss[body.position_rows])
         q = moved(q, limited(change, 0.2))
         if np.abs(change).max() < 1e-6:
             break
     return q
+
+
+@compiled
+def standing_roll(body: Kinematics, tasks: StepReference, k: int) -> int:
+    """Task row of the roll of the foot that stands alone, if the ankles do not roll; else -1.
+
+    Of two feet on the floor neither is held flat: the distance of the legs changes as the pelvis lists.
+    """
+    if len(body.roll_rows) == 0:
+        return -1
+    left, right = tasks.velocity[k, 6:12].any(), tasks.velocity[k, 12:18].any()
+    return -1 if left == right else body.roll_rows[0 if right else 1]
 
 
 @compiled
@@ -215,11 +231,17 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         tolerance, far = EXACT if k in (0, last) else CORRECTED, _FAR if k else np.inf
         if not correct(body, tasks, k, q, tolerance, far):
             return k
-        met = tasks_of(body, body.rows)
-        v[:] = nearest(met, v, tasks.velocity[k][body.rows])
+        rows, velocity, acceleration = body.rows, tasks.velocity[k].copy(), tasks.acceleration[k].copy()
+        roll = standing_roll(body, tasks, k)
+        if roll >= 0:  # brought to zero
+            rows = np.append(rows, roll)
+            velocity[roll] = (body.columns[:, roll] * v).sum()
+            acceleration[roll] = _LEVEL**2 * body.miss[roll] - 2.0 * _LEVEL * velocity[roll]
+        met = tasks_of(body, rows)
+        v[:] = nearest(met, v, velocity[rows])
         # Eqs. 8-12: minimise 1/2 || a - p ||^2_W subject to J a = wanted - dJ/dt v, p the posture's.
         task_drift(body.tree, body.link, body.soles, v, v, drift)
-        wanted = (tasks.acceleration[k] - drift)[body.rows]
+        wanted = (acceleration - drift)[rows]
         step.acceleration[k] = nearest(met, posture(body, q, v, rate * tasks.time[k], rate), wanted)
         step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()
         axis = turned(body.link[body.trunk[0].joint].turn, column(body.trunk[0].turn, 2))

@@ -35,6 +35,8 @@ def sole_task(work: Workspace, i: int) -> None:
     all_lines = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
     if _is_held(lines):
         work.tasks.softness[rows] = STANCE
+        if foot.roll_row >= 0:  # the sole rolls as the leg leans
+            work.tasks.softness[foot.roll_row] = SWING
         _stance(work, i, all_lines, rotation, rates, acceleration)
         return
     work.tasks.softness[rows] = OFF_PLAN if work.stepping[0].off_plan else SWING

@@ -34,6 +34,7 @@ class Foot(Frame):
 
     toe: int  # velocity index of the toe joint, -1 if there is none
     toe_row: int  # row of the toe joint among the tasks, -1 if there is none
+    roll_row: int  # row of its roll among the tasks, -1 if the ankle holds it
     place: Array3  # sole's reference point from the COM, in world [m]
     pose: Array33  # axes of the sole to world
     speed: float  # upward speed of the line that held it at the last tick [m/s]
@@ -321,7 +322,8 @@ def wanted_of(row: NDArray[Any]) -> Any:
 def feet_of(robot: Robot) -> Any:
     """The feet of a body."""
     feet, count = frames_of(robot.model, robot.sole_frames, Foot), len(robot.toe_joints)
-    feet["toe"], feet["toe_row"] = -1, -1
+    feet["toe"], feet["toe_row"], feet["roll_row"] = -1, -1, -1
+    feet["roll_row"][: len(robot.roll_rows)] = robot.roll_rows
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
     return feet

@@ -13,6 +13,7 @@ _STEP = 0.3  # length of a step over the height of the hips [1]
 _PACE = 0.15  # speed at the switch over the square root of g times the height of the hips [1]
 _SHORT = 0.6  # height of hips below which steps take no less time, as feet land no faster [m]
 _SWING = 0.188  # most speed at the switch, over hip height times the speed limit of most joints of a leg [1]
+_QUICKER = math.sqrt(2.0)  # steps of half the duration where only the trunk sways: it tilts a quarter as much
 _C_Y = 0.8  # of other bodies than the human: the trunk then rolls a little towards the standing foot
 _C_S_WITHOUT_ARMS = 0.8  # the trunk alone balances the swing of the legs, and pitches less for a smaller c_s
 _SOFT = 0.4  # velocity and rate at which a foot closes in on the floor, over those of a human's [1]
@@ -30,9 +31,11 @@ def easy_gait(run: RunParameters, description: BodyDescription) -> dict[str, flo
     speed = _PACE * math.sqrt(GRAVITY * hips) * min(1.0, math.sqrt(hips / _SHORT))
     if speeds := [limits[joint] for joint in description.left_leg.joints if joint in limits]:
         speed = min(speed, _SWING * statistics.median_low(speeds) * hips)
-    c_s = 1.0 if description.has_arms else _C_S_WITHOUT_ARMS
+    step, c_s = _STEP * hips, 1.0 if description.has_arms else _C_S_WITHOUT_ARMS
     c_y = 1.0 if run.body.source == HUMAN else _C_Y
-    return dict(zip(EASY_KEYS, (_STEP * hips, speed, c_s, c_y), strict=True))
+    if description.upright:
+        step, speed, c_y = step / _QUICKER, speed * _QUICKER, description.upright.c_y
+    return dict(zip(EASY_KEYS, (step, speed, c_s, c_y), strict=True))
 
 
 def first_gait(run: RunParameters, description: BodyDescription) -> RunParameters:

@@ -121,6 +121,8 @@ class FreeChoices:
         # Between hips as wide as the body's and a human's: a wide step makes a long arm of a landing's force.
         self.wide = math.sqrt(description.hip_half_width / (_HIP_HALF_WIDTH * description.height))
         beside = 2.0 * self.sole.half_width + _BETWEEN_SOLES
+        if description.upright:
+            beside = description.upright.width
         self.wide = max(self.wide, beside / (_RANGE["width"].guess * description.height))
         # The sole ends behind and before the reference point.
         self.most_roll = min(

@@ -109,6 +109,9 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
         "twist": np.array([np.abs(twist[phase]).max() for phase in phases]) / _TWIST_LEVER,
         "gap": _gaps(step, time, robot),
     }
+    if robot.roll_rows.size:
+        turns = np.stack([robot.jacobian(q).sole_turn for q in step.q[~single]])
+        values["sole_roll"] = np.abs(np.arctan2(turns[..., 2, 1], turns[..., 2, 2])).max(axis=0)
     if (limited := np.isfinite(robot.speed_limit)).any():
         values["speed"] = (np.abs(step.v[:, 6:]).max(axis=0) / robot.speed_limit)[limited]
     low = np.stack([angles[phase].min(axis=0) for phase in phases])
