@@ -311,7 +311,7 @@ class Writer:
                 second += part.inertia[0, 0] + part.mass * (aside**2 + above**2)
         sole = self.tree.segments[leg.foot].place + self.tree.foot_offset
         width = 2.0 * (float(sole[1]) + self.file.sole.middle)
-        return UprightLegs(width, com_height / (hips - floor + second / first))
+        return UprightLegs(width, com_height / (hips - floor + float(second / first)))
 
     def _add_segments(self, model: Element, root: Element, floor: float) -> list[Element]:
         """Write all segments; ``floor`` is its height in the source [m]."""

@@ -53,8 +53,8 @@ def first_gait(run: RunParameters, description: BodyDescription) -> RunParameter
         **easy_gait(run, description),
         # Angular momentum of a tilting trunk, as m h^2 of a human of 60 kg and 1.70 m.
         "controller.trunk_gain": usual.trunk_gain * description.mass / 60.0 * description.scale**2,
-        # Rotors make the feet of robots heavy: they land softly.
-        "controller.touchdown_velocity": _SOFT * usual.touchdown_velocity,
+        # Rotors make the feet of robots heavy: they land softly. Late feet of upright legs have a long arm.
+        "controller.touchdown_velocity": (1.0 if description.upright else _SOFT) * usual.touchdown_velocity,
         "controller.touchdown_rate": _SOFT * usual.touchdown_rate,
         "controller.touchdown_damping": _SLOW * usual.touchdown_damping,
         # The swing of a short leg is quick.
