@@ -129,11 +129,6 @@ class BodyDescription:
         return (self.left_leg, self.right_leg)
 
     @property
-    def ankles_roll(self) -> bool:
-        """Whether a leg holds its sole flat, whatever it does; else the sole rolls as the leg leans."""
-        return self.upright is None
-
-    @property
     def scale(self) -> float:
         """Size of the body, of which a stature of 1.70 m is one [1]."""
         return self.height / _STATURE

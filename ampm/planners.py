@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ampm.body.constant_posture import ConstantPosture
-from ampm.body.feasibility import check_body
+from ampm.body.feasibility import check_ankles, check_body
 from ampm.body.limits import AT_MOST, Limit, check
 from ampm.body.motion import PeriodicPosture, RetimedPosture
 from ampm.body.robot import Robot
@@ -73,6 +73,7 @@ def periodic_walk(steps: StepPlan, repeated: StepPlan, run: RunParameters, robot
 
     Raises BodilyRefusal and InputError as :meth:`PeriodicPlanner.plan`.
     """
+    check_ankles(steps, robot.description)
     check_body(repeated, robot.description)
     from ampm.body.orbit import solve_motion, start_across
 
@@ -180,6 +181,7 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
         return periodic_walk(steps, closed, run, robot)
+    check_ankles(steps, robot.description)
     check_body(steps, robot.description, phases=None)
     return WalkPlan.of(steps, posture=ConstantPosture(steps, run, robot))
 

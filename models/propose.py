@@ -78,15 +78,12 @@ class _Proposal:
         legs = [[joint for joint in self.chains[end] if joint not in shared] for end in ends]
         bends = [[joint for joint in leg if abs(left[joint]) > _LATERAL] for leg in legs]
         count, names = len(legs[0]), " and ".join(model.body(end).name for end in ends)
-        least, few = LEG_JOINTS - 1, ""
-        if count < least:
-            few = (
-                f"{count} joints, which cannot hold a sole flat: that takes {LEG_JOINTS}, or {least} without "
+        if count < LEG_JOINTS - 1 or min(map(len, bends)) < 2:
+            flat = f"a sole flat: that takes {LEG_JOINTS}, or {LEG_JOINTS - 1} without a roll of the ankle"
+            lack = f"{count} joints, which cannot hold {flat}" if count < LEG_JOINTS - 1 else "no knee"
+            raise InputError(
+                f"the model has no legs to walk on: what ends at {names} has {lack}; take another."
             )
-            few += "a roll of the ankle"
-        if few or min(map(len, bends)) < 2:
-            lack = f"{few or 'no knee'}; take another"
-            raise InputError(f"the model has no legs to walk on: what ends at {names} has {lack}.")
         self.knees = [joints[1] for joints in bends]
         self.feet = ends
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}

@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 
 from ampm.body.feasibility import joint_groups
-from ampm.body.motion import PeriodicPosture
+from ampm.body.inverse_kinematics import InverseKinematics
 from ampm.exceptions import BodilyRefusal
 from ampm.parameters import BodyParameters, RunParameters
 from ampm.planner import routes
@@ -115,37 +115,37 @@ def test_a_body_without_arms_lets_its_legs_swing() -> None:
 
 
 def test_a_body_whose_ankles_do_not_roll_keeps_its_legs_upright(tmp_path: Path) -> None:
-    text = body_path("suite-humanoid").read_text(encoding="utf-8")
-    path = tmp_path / "body.toml"
+    text, path = body_path("suite-humanoid").read_text(encoding="utf-8"), tmp_path / "body.toml"
     path.write_text(text.replace("[body]", '[body]\nlock = [".*_ankle_x"]'), encoding="utf-8")
     planned = tune_walk(load_request(None, [f"body.source={path}", "gait.steps=6"]))
     robot, d = planned.body.robot, planned.body.robot.description
 
     # What the hips carry is a pendulum about the axis between them.
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
+    com = pin.centerOfMass(robot.model, data, pin.neutral(robot.model))[2]
     legs = {joint for leg in d.legs for joint in leg.joints}
     carried = [k for k, name in enumerate(robot.model.names) if k > 0 and name not in legs]
     upper = sum((data.oMi[k].act(robot.model.inertias[k]) for k in carried), pin.Inertia.Zero())
-    com = pin.centerOfMass(robot.model, data, pin.neutral(robot.model))[2]
     soles = [pin.updateFramePlacement(robot.model, data, frame).translation for frame in robot.sole_frames]
-    hips = data.oMi[robot.model.getJointId("left_hip_x")].translation[2]
-    lever = upper.lever[2] - hips
+    lever = upper.lever[2] - (hips := data.oMi[robot.model.getJointId("left_hip_x")].translation[2])
     length = (upper.inertia[0, 0] / upper.mass + lever**2) / lever
     assert d.upright is not None
-    assert d.upright == pytest.approx(
-        (soles[0][1] - soles[1][1], (com - soles[0][2]) / (hips - soles[0][2] + length))
-    )
+    c_y = (com - soles[0][2]) / (hips - soles[0][2] + length)
+    assert d.upright == pytest.approx((soles[0][1] - soles[1][1], c_y))
 
-    posture = planned.plan.posture
-    assert isinstance(posture, PeriodicPosture)
-    turns = [robot.jacobian(q).sole_turn for q in posture.motion.q]
+    ik = InverseKinematics(robot, planned.run)
+    ik.body.miss[[9, 12]] = 1.0, 0.5  # a left sole that rolls; a right one that is not reached
+    assert "the right leg" in ik._miss(0.0).what
+    assert planned.run.foot.toe_off_angle == planned.run.foot.heel_rise_lead == 0.0
+    turns = [robot.jacobian(q).sole_turn for q in planned.motion.q]
     assert np.abs(np.array(turns)[:, 0, 2, 1]).max() < 0.002  # the standing foot
     trial = walk(planned.run)
     assert trial.record.outcome.completed
     assert trial.metrics["zmp_y_rmse"].value < 0.004
-    with pytest.raises(BodilyRefusal, match=r"walks straight: the largest heading of a footstep is 0\.3"):
+    with pytest.raises(BodilyRefusal, match=r"walks straight: the largest heading of a footstep is 0\.45"):
         walk(RunParameters(body=planned.run.body), footsteps=routes.turn(4, 0.35, d.upright.width))
+    with pytest.raises(BodilyRefusal, match=r"level along y: its rise is 0\.02"):
+        walk(planned.run.replace({"gait.cross_slope": 0.02}))
 
 
 def test_dry_friction_of_joints_is_overcome_where_the_posture_is_constant(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ _JOINT_WAYS_OUT = {
     "trunk": "bring gait.c_s and gait.c_y nearer to 1",
     "arms": "bring gait.c_s and gait.c_y nearer to 1",
 }
+_TURNED = 0.2  # most heading of a foot whose ankle does not roll [rad]: the controller frees the roll about x
 _INSTANTS = 200  # samples per phase, for values without a closed-form extremum
 
 
@@ -67,6 +68,18 @@ def check_body(plan: StepPlan, description: BodyDescription, phases: int | None 
     if limit.broken(value):
         also = [f"; also {other.reason.replace('_', ' ')}: {other.way_out}" for other, _ in others]
         raise limit.refusal(value, "".join(also))
+
+
+def check_ankles(plan: StepPlan, description: BodyDescription) -> None:
+    """Refuse turned feet and a slope across, by a BodilyRefusal, if the ankles do not roll."""
+    if description.upright is None:
+        return
+    what = "without a roll of the ankle a body walks straight: the largest heading of a footstep"
+    straight = Limit(what, "rad", _TURNED, AT_MOST, "feet_turned", "turn the feet less")
+    what = "without a roll of the ankle a body stands on a floor that is level along y: its rise"
+    level = Limit(what, "1", 0.0, AT_MOST, "slope_across", "take gait.cross_slope = 0")
+    heading = max(abs(step.heading) for step in plan.contacts.footsteps)
+    check([(straight, heading), (level, abs(plan.contacts.slope[1]))])
 
 
 def check_motion(report: MotionReport, description: BodyDescription) -> None:

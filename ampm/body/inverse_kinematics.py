@@ -158,7 +158,8 @@ class InverseKinematics:
 
     def _miss(self, time: float) -> Unreachable:
         """Message for the errors of the state that was placed last."""
-        left, right = np.abs(self.body.miss[6:18]).reshape(2, 6).max(axis=1)
+        of_legs = np.delete(self.body.miss[:18], self.body.roll_rows)[6:]
+        left, right = np.abs(of_legs).reshape(2, -1).max(axis=1)
         side = "left" if left >= right else "right"
         return Unreachable(time, f"the {side} leg does not reach from the hip to the planned foot")
 

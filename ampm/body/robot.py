@@ -74,7 +74,7 @@ class Robot:
         self.trunk_frame = self._frame(description.trunk_segment)
         self.toe_joints = self.velocity_indices(tuple(toe for leg in description.legs for toe in leg.toes))
         self.task_rows = TASK_ROWS + len(self.toe_joints)
-        self.roll_rows = np.array([] if description.ankles_roll else [9, 15], dtype=np.intp)
+        self.roll_rows = np.array([9, 15] if description.upright else [], dtype=np.intp)
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))
         self._knee_signs = np.array([leg.knee_sign for leg in description.legs])
         self.straight_knees = np.array([leg.straight_knee for leg in description.legs])

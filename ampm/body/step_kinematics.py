@@ -161,15 +161,13 @@ def correct(body: Kinematics, tasks: StepReference, k: int, q: Array, tolerance:
     Returns:
         Whether it converged.
     """
-    size = place(body, tasks, k, q)
+    rows, still, size = body.position_rows, np.zeros(len(body.weight)), place(body, tasks, k, q)
     for iteration in range(_MOST):
         if size < tolerance:
             break
         if not size < far or iteration == _MOST - 1:
             return False
-        change = nearest(
-            tasks_of(body, body.position_rows), np.zeros(len(body.weight)), body.miss[body.position_rows]
-        )
+        change = nearest(tasks_of(body, rows), still, body.miss[rows])
         q[:] = moved(q, limited(change, _LONGEST))
         converged = size * size < tolerance  # Newton's next error is about the square of the last
         size = place(body, tasks, k, q)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.body.constant_posture import ConstantPosture, turned
-from ampm.body.feasibility import joint_groups
+from ampm.body.feasibility import check_ankles, joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
@@ -45,9 +45,6 @@ _LONG, _ANKLE, _LACK = 0.15, 0.04, 0.022
 pelvis that tilts makes up for it. The largest integral over this time of the share beyond 1 of a torque of
 trunk or arms [s]. Shares of both limits add up. Chosen on random walks of the G1: most of those with more
 than 1 fell, or their arms came into their legs."""
-_STRAIGHT = (
-    0.2  # most heading of a foot whose ankle does not roll [rad]: the controller frees the roll about x
-)
 _QUICK, _SLOW = 0.8, 1.2  # durations of a swing over the gait's beyond which a refusal blames them [1]
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
@@ -83,13 +80,10 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
         robot: the body.
 
     Raises:
-        BodilyRefusal: ``feet_turned``, ``joint_limits``, ``leg_too_short``, ``self_collision``,
+        BodilyRefusal: as :func:`check_ankles`, ``joint_limits``, ``leg_too_short``, ``self_collision``,
             ``arm_collision``, ``speed_limits`` or ``torque_limits``.
     """
-    if not robot.description.ankles_roll:
-        what = "without a roll of the ankle a body walks straight: the largest heading of a footstep"
-        straight = Limit(what, "rad", _STRAIGHT, AT_MOST, "feet_turned", "turn the feet less")
-        check([(straight, float(np.abs(plan.contacts.headings).max()))])
+    check_ankles(plan, robot.description)
     check([_range_limit(plan, posture, run, robot)])
     check(_walk_limits(plan, _follow(plan, posture, run, robot), robot))
 

@@ -120,9 +120,8 @@ class FreeChoices:
         self.slack = np.array([choice.slack for choice in free])
         # Between hips as wide as the body's and a human's: a wide step makes a long arm of a landing's force.
         self.wide = math.sqrt(description.hip_half_width / (_HIP_HALF_WIDTH * description.height))
-        beside = 2.0 * self.sole.half_width + _BETWEEN_SOLES
-        if description.upright:
-            beside = description.upright.width
+        upright = description.upright
+        beside = upright.width if upright else 2.0 * self.sole.half_width + _BETWEEN_SOLES
         self.wide = max(self.wide, beside / (_RANGE["width"].guess * description.height))
         # The sole ends behind and before the reference point.
         self.most_roll = min(
@@ -202,7 +201,7 @@ class FreeChoices:
         return self._replaced(
             run,
             {
-                "foot.heel_rise_lead": lead,
+                "foot.heel_rise_lead": lead if toe_off else 0.0,
                 "foot.heel_strike_angle": strike,
                 "foot.heel_strike_rate": min(20.0, _LANDING_TURN * strike / (down * double)),
                 "foot.full_contact": down,
