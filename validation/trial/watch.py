@@ -96,13 +96,13 @@ def stands(stance: Stance, scale: float) -> bool:
 
 
 @compiled
-def look(stance: Stance, last: Array, off: float) -> tuple[float, bool]:
+def look(stance: Stance, last: Array, off: float, scale: float) -> tuple[float, bool]:
     """Distance of the COM from the last one, which it replaces [m]; whether there is no sign of a failure."""
     here, axis = vector(stance.com), vector(stance.planned_trunk)
     way, error = minus(here, vector(last)), minus(here, vector(stance.planned_com))
     last[:] = stance.com
     close = dot(error, error) <= off * off and dot(vector(stance.trunk), axis) >= _UPRIGHT
-    return math.sqrt(dot(way, way)), close
+    return math.sqrt(dot(way, way)), close and stands(stance, scale)
 
 
 class Watch:
@@ -121,7 +121,7 @@ class Watch:
         self._unsolved: tuple[float, float] | None = None  # since when, and how long it may last
         self._last_com, self._last_time = np.zeros(3), math.inf  # there is none yet
         self._first_sign, self._last_sign = "", 0.0
-        self._look = bound(look, (refer(stance), self._last_com, self._off))
+        self._look = bound(look, (refer(stance), self._last_com, self._off, scale))
 
     def check(self, time: float, status: int, *, residual: float = 0.0, limit: str = "") -> Outcome | None:
         """The end of the walk at a tick [s], None while it goes on.
