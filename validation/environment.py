@@ -29,7 +29,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.walk import ControlOutput
 from validation.judge.metrics import METRICS
 from validation.judge.profiles import DEFAULT, Tolerance
-from validation.trial.disturbances import Disturbance
+from validation.trial.disturbances import Disturbance, check_disturbances
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
 from validation.trial.plan import PlannedWalk, load_request, plan_walk
@@ -80,6 +80,7 @@ def load(
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
+    check_disturbances(disturbances)
     request = load_request(source, sections=sections)
     if request.run.gait.planner == NO_PLAN:
         raise InputError("the reward of an environment is the agreement with a plan; leave out planner none.")

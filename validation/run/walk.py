@@ -24,7 +24,7 @@ from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints
-from validation.trial.disturbances import Disturbance, describe
+from validation.trial.disturbances import Disturbance, check_disturbances, describe
 from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
@@ -65,8 +65,7 @@ def walk(
         raise InputError(f"{controller!r} cannot be the {wanted}.")
     if isinstance(planner, type):
         raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
-    if not isinstance(disturbances, list | tuple) or any(isinstance(one, type) for one in disturbances):
-        raise InputError(f"{disturbances!r} cannot be the disturbances; give a list of objects.")
+    check_disturbances(disturbances)
     sections: dict[str, Any] = {}
     if isinstance(footsteps, str | Path):
         sections = {"footsteps": read_footsteps(Path(footsteps))}
@@ -78,16 +77,15 @@ def walk(
     names = {"gait.planner": planner, "controller.name": controller}
     chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
     factory = controller if callable(controller) else CONTROLLER.find(*CONTROLLER.named(chosen))
-    planner = None if isinstance(planner, str) else planner
     name_of_class = CONTROLLER.name_of(factory)
     CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
     if controller is not None:
         chosen = chosen.replace({"controller.name": name_of_class})
     profile = own_profile(chosen, disturbances)
-    request = replace(request, name=name or request.name, run=chosen)
+    request = replace(request, name=str(name or request.name), run=chosen)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        planned = plan_walk(request, progress, planner=planner)
+        planned = plan_walk(request, progress, planner=None if isinstance(planner, str) else planner)
     trial = walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
     return replace(trial, seconds={**seconds, **trial.seconds})
 

@@ -8,7 +8,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from numbers import Real
-from typing import Protocol
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -89,6 +89,14 @@ class Disturbance(Protocol):
     def apply(self, time: float, plant: Plant) -> None:
         """Push the body during the step that begins at a time [s]; every step of the physics calls it."""
         ...
+
+
+def check_disturbances(given: Any) -> None:
+    """Refuse what is not a list of objects with a method apply, by an InputError."""
+    listed = given if isinstance(given, list | tuple) else [None]
+    if not all(hasattr(one, "apply") and not isinstance(one, type) for one in listed):
+        wanted = "a list of objects with a method apply(time, plant)"
+        raise InputError(f"{given!r} cannot be the disturbances; give {wanted}.")
 
 
 @dataclass(frozen=True)
