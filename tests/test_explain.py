@@ -10,7 +10,7 @@ import validation as val
 from ampm.exceptions import BodilyRefusal, InputError
 from ampm.parameters import KEYS, OPTION_TABLES, SECTIONS
 from ampm.planner import routes
-from validation.study.explain import CHANGES, Case, answer, possible
+from validation.study.explain import CHANGES, Case, answer, possible, walk_case
 from validation.trial.files import RunFile
 from validation.trial.plan import load_request
 
@@ -116,6 +116,13 @@ def test_the_layer_that_explains_most_is_named(trial, changes, named, words):
     found, said = answer(trial, changes)
     assert found == named
     assert words in said
+
+
+def test_a_limit_of_0_is_named_in_place_of_a_share():
+    standing = case(*QUICK, "gait.planner=none", "command.vx=0.5")
+    metrics = walk_case(replace(standing, profile="free"))["metrics"]
+    assert metrics["steps_missing"]["text"] == "1, limit 0"
+    assert metrics["velocity_x_error"]["text"] == "0.5 m/s (500%)"
 
 
 def test_late_sensing_is_named_and_written(tmp_path):

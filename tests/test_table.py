@@ -16,7 +16,7 @@ from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
 from ampm.planner.table import repeats, table_motion
-from tests.solved import body_of, walk_of
+from tests.solved import body_of
 from validation.store.tables import plan_table, sample_times, write_columns
 from validation.trial.plan import Request, plan_walk
 from validation.trial.users import read_columns
@@ -69,7 +69,8 @@ def test_without_the_starts_of_phases_equal_steps_are_found_from_the_way_of_the_
     plan = planned(steps=6)
     table = table_of(plan)
     del table["phase_start"]
-    found = read(table)
+    placed = ("com_y", "zmp_y", "left_placement_y", "right_placement_y")
+    found = read(table | {name: table[name] + 4e-4 for name in placed})
     assert repeats(found)
     assert found.constants.step_duration == pytest.approx(plan.constants.step_duration, abs=1e-4)
     assert np.abs(found.contacts.starts - plan.contacts.starts).max() < 0.5e-3  # a tenth of a row
@@ -84,14 +85,6 @@ def test_without_accelerations_the_force_passes_through_the_com():
     com, zmp = (np.column_stack([table[f"{name}_{axis}"] for axis in "xy"]) for name in ("com", "zmp"))
     expected = GRAVITY / 0.865 * (com - zmp)
     np.testing.assert_allclose(sample.com_acceleration[:, :2], expected[: rows - 1], rtol=0.0, atol=1e-9)
-
-
-def test_a_refusal_of_the_body_names_what_the_table_can_change():
-    table = table_of(planned("flat"))
-    walk = walk_of("foot.schedule=roll", "foot.heel_rise_lead=0.2")
-    with pytest.raises(ampm.BodilyRefusal, match="move the ZMP farther ahead") as refused:
-        ampm.TablePlanner(table).plan(walk.run, walk.robot)
-    assert "a_s" not in str(refused.value)
 
 
 def exchanged(table):

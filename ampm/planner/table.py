@@ -243,7 +243,7 @@ def repeats(plan: CentroidalPlan) -> bool:
     first = np.column_stack([mirrored(com[index, :2], later, length), com[index, 2]])
     if np.abs(com - first).max() > REPEATED:
         return False
-    if abs(aside[1]) > _SAME:
+    if abs(aside[1]) > 0.5 * REPEATED:  # closed_step closes a gap of twice as much
         raise InputError(
             f"the steps repeat about y = {aside[1]:g} m, not about 0; subtract it from COM, ZMP and feet."
         )

@@ -128,8 +128,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     heights = strides.com[..., 2].mean(axis=(1, 2))
     if (drift := float(np.median(np.abs(np.diff(heights))))) > _DRIFT * heights.mean():
         raise InputError(
-            f"{log.name}: the COM's height over the floor changes by {drift:.3g} m from stride to stride, "
-            f"more than {100.0 * _DRIFT:g} % of it; give the column floor, its height under the feet."
+            f"{log.name}: the COM's height over the floor changes by {drift:.3g} m a stride, more than "
+            f"{100.0 * _DRIFT:g} % of it; give the column floor, its height there, or walk an old run anew."
         )
     for axis, agrees in zip("xy", np.median(strides.agreement, axis=0), strict=True):
         if agrees < _AGREE:

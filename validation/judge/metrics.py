@@ -75,6 +75,8 @@ class Metric:
         for what, known in (("kind", _KINDS), ("nature", _NATURES), ("tolerance_unit", units)):
             if (value := getattr(self, what)) not in known:
                 raise unknown(value, filter(None, known), f"{what} of the metric '{self.name}'")
+        if not callable(self.compute):
+            raise InputError(f"metric '{self.name}' has compute = {self.compute!r}; give a function.")
         if not isinstance(self.tolerances, Mapping):
             raise InputError(
                 f"metric '{self.name}' has the tolerances {self.tolerances!r}; "

@@ -145,7 +145,7 @@ def walk_case(case: Case) -> Row:
     Returns:
         ``outcome``, ``cause``, ``verdict``, ``passed``, ``excess``; ``motor``, the hardest used, and whether
         it was ``strained``; ``tightest``, the largest used share of a limit; ``metrics``: of those measured
-        ``label``, ``text`` of its value, and ``used``, its share of the limit, 2 of an exceeded limit of 0.
+        ``label``, ``text`` of its value, with ``used``, its share of the limit, 2 of an exceeded limit of 0.
     """
     planned = plan_walk(case.request)
     if case.lifted:
@@ -158,8 +158,9 @@ def walk_case(case: Case) -> Row:
     for item in trial.verdict.judged:
         if math.isnan(item.value):
             continue
-        used = item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0)
-        metrics[item.name] = {"label": item.label, "text": str(item), "used": min(used, _MOST_USED)}
+        used = min(item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0), _MOST_USED)
+        text = f"{item} ({used:.0%})" if item.tolerance else item.against
+        metrics[item.name] = {"label": item.label, "text": text, "used": used}
     shares = [item["used"] for item in metrics.values()]
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
     if not end.completed:
@@ -231,7 +232,7 @@ def _failed(before: Row, row: Row) -> str:
     if row["outcome"] != OutcomeName.COMPLETED:
         return str(row["cause"]).partition(";")[0]
     failed = [
-        f"{item['label']} {item['text']} ({item['used']:.0%})"
+        f"{item['label']} {item['text']}"
         for name, item in row["metrics"].items()
         if max(item["used"], before["metrics"].get(name, item)["used"]) > 1.0
     ]
