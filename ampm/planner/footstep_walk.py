@@ -67,6 +67,8 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
     """
     constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
     single, double = constants.single_support_duration, constants.double_support_duration
+    if any(landings[:2]):
+        raise InputError("footsteps 1 and 2 have a time, but the feet stand there from 0 s; leave it empty.")
     parts, first, begin, lifted = [], 0, 0.0, SETTLING
     for number, wanted in enumerate(landings[2:], start=2):
         landing = lifted + single if wanted is None else wanted

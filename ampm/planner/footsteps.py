@@ -289,13 +289,13 @@ def _refuse(
     number, margin = _least_margin(footsteps, body.sole, plan)
     if not margin >= MARGIN:
         raise BodilyRefusal(
-            f"footstep {first - 1 + number}: the ZMP comes to {1e3 * margin:.3g} mm from the edge of the "
-            f"flat soles, nearer than {1e3 * MARGIN:g} mm",
+            f"footsteps {first - 1 + number} and {first + number}: the ZMP comes to {1e3 * margin:.3g} mm "
+            f"from the edge of the flat soles, nearer than {1e3 * MARGIN:g} mm",
             reason="zmp_margin_too_small",
             value=margin,
             limit=MARGIN,
             unit="m",
-            way_out="shorten or narrow the steps about it, or give them more time; places are in metres",
+            way_out="shorten or narrow the steps there, or give them more time; places are in metres",
         )
     tilt = trunk_tilt(solved)
     worst = int(tilt.argmax())
@@ -328,8 +328,8 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
     worst, least = int(apart.argmin()), 2.0 * sole.half_width + _BETWEEN_SOLES
     if not apart[worst] >= least:
         raise BodilyRefusal(
-            f"footstep {worst + 1 + first}: the {footsteps[worst + 1].foot} foot is {apart[worst]:.3g} m "
-            f"aside of the other one, less than two soles take, {least:.3g} m",
+            f"footsteps {worst + first} and {worst + 1 + first}: the {footsteps[worst + 1].foot} foot is "
+            f"{apart[worst]:.3g} m aside of the other one, less than two soles take, {least:.3g} m",
             reason="feet_too_close",
             value=float(apart[worst]),
             limit=least,
@@ -341,7 +341,7 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
 
 
 def _least_margin(steps: Sequence[Footstep], sole: SoleGeometry, plan: CentroidalPlan) -> tuple[int, float]:
-    """Least distance of the ZMP from the edge of the flat soles, and the number of the footstep, from 1.
+    """Least distance of the ZMP from the edge of the flat soles, and the footstep before that step, from 1.
 
     Evaluated at the quarters of every phase: on a straight way the distance is least at an end.
     """
@@ -354,4 +354,4 @@ def _least_margin(steps: Sequence[Footstep], sole: SoleGeometry, plan: Centroida
     margin = hull_distance(standing.repeat(5, axis=0), plan.sample(instants.ravel()).zmp)
     margin = margin.reshape(-1, 5).min(axis=1)
     worst = int(margin.argmin())
-    return 2 + worst // 2, float(margin[worst])
+    return 2 + max(worst - 1, 0) // 2, float(margin[worst])
