@@ -25,11 +25,7 @@ def check_regular(path: Path) -> None:
 
 
 def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
-    """Read a file.
-
-    Raises FileNotFoundError or NotADirectoryError if there is none, InputError if it is not a regular file,
-    too large, or cannot be read.
-    """
+    """Read a file; raises InputError if there is none, it is not a regular one, too large, or unreadable."""
     try:
         check_regular(path)
         if (size := path.stat().st_size) > largest:
@@ -38,7 +34,7 @@ def read_file(path: Path, largest: int = LARGEST_TEXT) -> bytes:
             )
         return path.read_bytes()
     except (FileNotFoundError, NotADirectoryError):
-        raise
+        raise InputError(f"there is no file {str(path)!r}; correct the name.", value=str(path)) from None
     except (OSError, ValueError) as error:  # a zero byte in its name is a ValueError
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a readable file.") from None
 
@@ -55,13 +51,13 @@ def read_text(path: Path, largest: int = LARGEST_TEXT) -> str:
         ) from None
 
 
+def separator(text: str) -> str:
+    """What parts the columns of a table, as its first line does: commas, semicolons or tabs."""
+    return max(",;\t", key=text.partition("\n")[0].count)
+
+
 def check_columns(names: Iterable[str], path: Path) -> None:
-    """Refuse a table in which two columns have one name, or no comma is between them, by an InputError."""
-    names = list(names)
-    if len(names) == 1 and ";" in names[0]:
-        raise InputError(
-            f"{path} has semicolons between its columns; put commas there, and points for decimal commas."
-        )
+    """Refuse a table in which two columns have one name, by an InputError."""
     if twice := [name for name, number in Counter(names).items() if number > 1]:
         raise InputError(f"{path} has the column {twice[0]!r} twice; remove one of them.")
 

@@ -1,5 +1,6 @@
 """Runs as TOML files: read from presets, files and settings; written to one file that gives the same bits."""
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -62,10 +63,9 @@ def _read_source(source: str) -> dict[str, Any]:
         raise InputError("the name of the gait is empty; give a preset, a TOML file, or leave it out.")
     if source in PRESETS:
         return read_toml(Path(__file__).with_name("presets") / f"{source}.toml")
-    try:
-        table = read_toml(Path(source))
-    except (FileNotFoundError, NotADirectoryError):
-        raise unknown(source, PRESETS, "preset or file", value=source) from None
+    if not os.path.exists(source):
+        raise unknown(source, PRESETS, "preset or file", value=source)
+    table = read_toml(Path(source))
     if isinstance(body := table.get("body"), dict) and "root" in body:
         way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {source!r}}})"
         raise InputError(f"{source} describes a body and is not a gait; {way_out}.", way_out=way_out)

@@ -191,10 +191,7 @@ def _with_unit(value: Any, field: Any) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Table of a TOML file; a byte order mark is skipped.
-
-    Raises as :func:`ampm.files.read_file`, and InputError if it is not valid TOML.
-    """
+    """Table of a TOML file; raises InputError as :func:`ampm.files.read_text`, and of no valid TOML."""
     return parse_toml(read_text(path), f"the file {str(path)!r}")
 
 

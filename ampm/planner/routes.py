@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError, RefusedGait
-from ampm.files import check_columns, read_text
+from ampm.files import check_columns, read_text, separator
 from ampm.parameters import FootstepParameters, RunParameters, footstep_keys
 from ampm.planner.contacts import Footstep, Side
+from ampm.section import parse_setting
 
 Row = Footstep | FootstepParameters | Mapping[str, Any]
 """A footstep, also of a run or of :func:`read_footsteps`."""
@@ -179,15 +180,17 @@ def as_rows(footsteps: Sequence[Row], landings: Sequence[float | None] | None = 
 def read_footsteps(path: Path) -> list[dict[str, Any]]:
     """``[[footsteps]]`` of a run from a CSV file whose columns are their keys; empty cells are left out.
 
-    Raises :class:`InputError` if the file cannot be read, or a row is not a footstep.
+    Commas, semicolons or tabs part the columns, the latter two with decimal commas, too. Raises
+    :class:`InputError` if the file cannot be read, or a row is not a footstep.
     """
     try:
-        table = csv.DictReader(io.StringIO(read_text(path), newline=""), skipinitialspace=True)
-        names = [name.strip() for name in table.fieldnames or ()]
+        text = read_text(path)
+        between = separator(text)
+        lines = io.StringIO(text if between == "," else text.replace(",", "."), newline="")
+        table = csv.DictReader(lines, skipinitialspace=True, delimiter=between)
+        table.fieldnames = names = [name.strip() for name in table.fieldnames or ()]
         check_columns(names, path)
-        lines = [(table.line_num, row) for row in table]
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
+        found = [(table.line_num, row) for row in table if any(row.values())]
     except csv.Error as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None
     needed = [name for name, field in FootstepParameters.model_fields.items() if field.is_required()]
@@ -195,14 +198,15 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         known = f"it has {', '.join(names)}; footsteps need {', '.join(needed)}; --planner walks a plan"
         raise InputError(f"{path} has no column {missing[0]!r}; {known}.")
     rows = []
-    for line, cells in lines:
+    for line, cells in found:
         if more := cells.pop(None, []):
             raise InputError(
                 f"{path}, line {line} has {len(names) + len(more)} cells and the header {len(names)}; "
                 "name all columns, for example foot,x,y,heading,time."
             )
-        row = {str(name).strip(): _value(cell) for name, cell in cells.items() if cell}
+        settings = [f"{name}={cell or ''}" for name, cell in cells.items() if cell or name in needed]
         try:
+            row = dict(map(parse_setting, settings))
             FootstepParameters(**row)
         except InputError as error:
             raise InputError(f"{path}, line {line}: {error}", **error.details) from None
@@ -210,11 +214,3 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     if not rows:
         raise InputError(f"{path} holds no footsteps; a walk takes at least 3.")
     return rows
-
-
-def _value(cell: Any) -> Any:
-    """A cell as a number, or as its text."""
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return str(cell).strip()

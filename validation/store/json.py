@@ -54,6 +54,8 @@ def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
     """
     from pydantic import TypeAdapter, ValidationError  # slow to load
 
+    if not path.exists():
+        raise InputError(f"{path} is missing; {way_out}.")
     try:
         found = json.loads(read_text(path))
         return found, TypeAdapter(kind).validate_python(found)
@@ -65,5 +67,3 @@ def read_json(path: Path, kind: Any, way_out: str) -> tuple[Any, Any]:
         raise InputError(f"{path} is damaged, or of another version: {where}: {what}; {way_out}.") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not JSON ({error}); {way_out}.") from None
-    except OSError:
-        raise InputError(f"{path} is missing; {way_out}.") from None

@@ -29,7 +29,7 @@ from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
 from validation.study.one_walk import own_classes, users_files
-from validation.study.pool import attempt, open_pool, users_file
+from validation.study.pool import attempt, connect, open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 
 
@@ -166,7 +166,9 @@ def walk_many(
     workers, scheduler = execution.get("workers"), execution.get("scheduler")
     folder, progress = study_folder(execution), execution.get("progress") or Progress()
     total = len(tasks) if isinstance(tasks, Sized) else count
-    if scheduler is None and total:  # no process without a walk
+    if scheduler is not None:
+        connect(scheduler).close()  # refused before the folder is made
+    elif total:  # no process without a walk
         workers = min(cores() if workers is None else workers, total)
     rows, source, ready = RowFile(folder), iter(tasks), list[Task]()
     outcomes = Counter[str]()

@@ -272,7 +272,7 @@ def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -
             logging.getLogger(name).setLevel(logging.CRITICAL)
     with (
         dask.config.set(_SETTINGS),
-        _local(workers or cores()) if scheduler is None else _remote(scheduler) as client,
+        _local(workers or cores()) if scheduler is None else connect(scheduler) as client,
     ):
         yield Workers(client, limit, remote=scheduler is not None)
 
@@ -315,8 +315,8 @@ def _local(workers: int) -> Iterator[Any]:
                     opened.close(timeout=10.0)
 
 
-def _remote(address: str) -> Any:
-    """Client of a scheduler that is running already."""
+def connect(address: str) -> Any:
+    """Client of a scheduler that is running already; InputError if nothing answers at that address."""
     from distributed import Client  # slow to load
     from distributed.comm import resolve_address
 
@@ -324,8 +324,9 @@ def _remote(address: str) -> Any:
         at = json.loads(read_text(Path(address)))["address"] if address.endswith(".json") else address
         resolve_address(at)  # with an invalid address a client waits for a minute
         return Client(at, timeout=_CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, TimeoutError, InputError) as error:
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, TimeoutError) as error:
+        why = "it holds no address" if isinstance(error, LookupError | TypeError | AttributeError) else error
         raise InputError(
-            f"no dask scheduler answers at --scheduler {address} ({error}); start one with 'dask scheduler', "
+            f"no dask scheduler answers at --scheduler {address} ({why}); start one with 'dask scheduler', "
             "or leave the option out to run on this machine."
         ) from None

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 import ampm
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
-from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text
+from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text, separator
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
@@ -118,8 +118,8 @@ def load_object(option: str, text: str) -> Any:
     except (Exception, SystemExit) as error:
         similar = nearest(name, vars(sys.modules.get(module, object)))
         way_out = f"did you mean {module}:{similar}?" if similar else "mend it."
-        if isinstance(error, ModuleNotFoundError) and error.name == module:
-            way_out = f"start where {module}.py is, or correct the name."
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            way_out = f"start where {module.replace('.', '/')}.py is, or correct the name."
         raise InputError(
             f"{option} {text!r} cannot be imported ({type(error).__name__}: {words_of(error)}); {way_out}"
         ) from error
@@ -328,8 +328,7 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
             text = read_text(path, LARGEST_TABLE)
             while text.startswith("#"):  # comments of a logger
                 text = text.partition("\n")[2]
-            head, _, rows = text.partition("\n")
-            between = max(",;\t", key=head.count)
+            rows, between = text.partition("\n")[2], separator(text)
             table = pyarrow.csv.read_csv(
                 io.BytesIO(text.encode()),
                 # A thread that still reads would abort a process that ends early.
@@ -342,7 +341,5 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
         table = table.rename_columns([name.strip() for name in table.column_names])
         check_columns(table.column_names, path)
         return {name: table[name].to_numpy() for name in table.column_names}
-    except FileNotFoundError:
-        raise InputError(f"there is no file {str(path)!r}; correct the name.") from None
     except (OSError, ValueError) as error:  # pyarrow's errors are ValueErrors
         raise InputError(f"{path} cannot be read as a table ({error}); give a whole file.") from error

@@ -489,8 +489,7 @@ def compare_gaits(
         for path, request in walks.items():
             options = {"folder": path, "request": request, "profile": own_profile(request.run).name}
             tasks.append(Task(path, keep_run, options))
-        there: Execution = {**execution, "out": folder}  # without it nothing is kept
-        for row in walk_many(tasks, **there):
+        for row in walk_many(tasks, **execution):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
                 kind = kinds.get(row["outcome"], kinds.get(row["reason"], RuntimeError))

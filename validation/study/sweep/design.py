@@ -322,10 +322,7 @@ def load_sweep(path: str | Path) -> SweepDefinition:
     """
     path = Path(path)
     stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
-    try:
-        return read_definition(read_toml(path), stem, path.parent)
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"the sweep file {str(path)!r} does not exist.", value=str(path)) from None
+    return read_definition(read_toml(path), stem, path.parent)
 
 
 def read_definition(table: Mapping[str, Any], name: str, folder: Path) -> SweepDefinition:
