@@ -64,9 +64,9 @@ def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
     if value is None:
         return metric.label, ABSENT, "", "", "", where
     shown = "" if limit is None else format_number(scale * limit)
-    used = format_share(value, limit)
-    value = 0.0 if abs(value) < 1e-10 else scale * value  # a ZMP on the edge, but for rounding
-    return metric.label, format_number(value, 3), shown, short_unit(unit), used, where
+    number = float(value)  # infinity is a word
+    number = 0.0 if abs(number) < 1e-10 else scale * number  # a ZMP on the edge, but for rounding
+    return metric.label, format_number(number, 3), shown, short_unit(unit), format_share(value, limit), where
 
 
 def cost_limit(summary: Mapping[str, Any], name: str) -> float | None:
