@@ -257,14 +257,14 @@ def _step(time: Array, name: str) -> float:
             f"row {late[0] + 2} of {name}: time = {time[late[0] + 1]:.9g} must be later than in the row "
             "before; sort the rows, and leave out repeated ones."
         )
-    if steps.max() > _LONGEST:
-        row, jump = int(steps.argmax()) + 2, float(steps.max())
-        raise InputError(f"row {row} of {name}: time jumps by {jump:.4g} s; give one log without the jump.")
     step = float(np.median(steps))
-    if step > _SLOWEST * (1.0 + 1e-9):
+    if step > _SLOWEST * (1.0 + 1e-9):  # first: of a clock in other units every step is such a jump
         raise InputError(
             f"{name} has a row every {step:.4g} s, and needs one every {_SLOWEST:g} s; give time in seconds."
         )
+    if steps.max() > _LONGEST:
+        row, jump = int(steps.argmax()) + 2, float(steps.max())
+        raise InputError(f"row {row} of {name}: time jumps by {jump:.4g} s; give one log without the jump.")
     return step
 
 

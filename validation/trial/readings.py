@@ -229,12 +229,10 @@ def _check(state: State, touch: Touch, robot: Robot, readings: Readings) -> None
     for what, values in (("state", state._asdict()), ("touch", touches)):
         for name, value in values.items():
             real_numbers(f"'{name}' of its {what}", value, shapes.get(name, ()), finite=True)
+            if name in ("velocity_lag", "age", "threshold") and value < 0.0:
+                raise ValueError(f"'{name}' of its {what} is {value:g} and must be at least 0")
     if not abs(norm := float(np.linalg.norm(state.q[3:7])) - 1.0) < _UNIT:
         raise ValueError(f"'q' of its state has a quaternion of norm {1.0 + norm:.3g} and not 1")
-    if touch.threshold < 0.0:
-        raise ValueError(f"'threshold' of its touch is {touch.threshold:g} N and must be at least 0 N")
-    if min(state.velocity_lag, touch.age) < 0.0:
-        raise ValueError("'velocity_lag' of its state or 'age' of its touch is below 0 s")
     if not readings.time - readings.age - 1e-6 <= state.time <= readings.time + 1e-6:
         raise ValueError(f"'time' of its state is {state.time:g} s, and that of the tick {readings.time:g} s")
 
