@@ -41,15 +41,15 @@ def test_keys_by_section_by_word_and_by_both(ampm):
     def found(*words: str) -> list[str]:
         return [item["key"] for item in ampm("keys", *words, "--json").json]
 
-    [height] = ampm("keys", "gait.com_height", "--set", "gait.com_height=0.8", "--json").json
+    settings = "--set", "gait.com_height=0.8", "--set", "controller.name=absent:Class"  # is not imported
+    [height] = ampm("keys", "gait.com_height", *settings, "--json").json
     facts = [height[name] for name in ("unit", "bounds", "default", "value")]
     assert facts == ["m", "> 0, <= 10", 0.865, 0.8]
 
-    every = list(KEYS)
-    assert [key for key in found() if key not in OPTION_TABLES] == every
+    assert [key for key in found() if key not in OPTION_TABLES] == list(KEYS)
     assert set(OPTION_TABLES) < set(found())
-    assert found("gait") == [key for key in every if key.startswith("gait.")]
-    assert found("foot") == [key for key in every if key.startswith("foot.")]  # no "footsteps"
+    assert found("gait") == [key for key in KEYS if key.startswith("gait.")]
+    assert found("foot") == [key for key in KEYS if key.startswith("foot.")]  # no "footsteps"
     assert found("Step_Length") == ["gait.step_length"]
     assert "controller.touchdown_damping" in found("damping")
     assert "gait.step_width" in found("lateral distance")  # in its meaning

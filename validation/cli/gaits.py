@@ -212,7 +212,7 @@ def keys(
     from ampm.run_file import find_keys
     from validation.trial.plan import load_request
 
-    request = load_request(gait, settings or ())
+    request = load_request(gait, settings or (), walked=False)
     found = [
         {
             "key": info.key,

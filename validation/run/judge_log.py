@@ -98,8 +98,7 @@ def judge_log(
             stride = 2.0 * walked.constants.step_duration
             values["stride_duration_error"] = abs(facts["strides"]["duration"] / stride - 1.0)
     part = f"{steps} of {planned_steps} steps of " if steps < planned_steps and not strides else ""
-    title = f"{log.name} on {part}{planned.name}"
-    planned = replace(planned, request=replace(planned.request, name=title))
+    planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {part}{planned.name}"))
     extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
     return Trial(planned, comparison, MappingProxyType(values), own_profile(request.run), seconds, extra)
 
@@ -142,12 +141,13 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
     if isinstance(plan, RunParameters):
         request = load_request(plan, settings)  # which refuses settings
     elif Path(plan).suffix in SUFFIXES:
-        request = load_request(None, [*settings, f"gait.planner={quoted(str(Path(plan).resolve()))}"])
+        planner = f"gait.planner={quoted(str(Path(plan).resolve()))}"
+        request = load_request(None, [*settings, planner], walked=False)
     elif names_folder(plan):
         gait = load_saved_run(plan).summary["gait"]
-        request = replace(load_request(str(Path(plan) / RunFile.RUN), settings), name=gait)
+        request = replace(load_request(str(Path(plan) / RunFile.RUN), settings, walked=False), name=gait)
     else:
-        request = load_request(str(plan), settings)
+        request = load_request(str(plan), settings, walked=False)
     return replace(request, run=request.run.undisturbed)
 
 

@@ -143,6 +143,7 @@ def load_request(
     settings: Sequence[str] = (),
     *,
     as_is: bool = False,
+    walked: bool = True,
     sections: Mapping[str, Any] = MappingProxyType({}),
 ) -> Request:
     """Resolve one gait and its settings.
@@ -152,6 +153,7 @@ def load_request(
             parameters, which take only ``sections``. Or a request, which is returned.
         settings: ``key=value`` texts.
         as_is: every value counts as given, so that nothing is found.
+        walked: whether controller and estimator are needed; else no class of theirs is imported.
         sections: values by section and key, after the settings.
 
     Raises:
@@ -168,11 +170,10 @@ def load_request(
         return Request("walk", own_gait(gait.replace(values, **others) if sections else gait))
     run = load_run(gait, settings, **sections)
     if gait is None and run.body.source == HUMAN:
-        return load_request("normal", settings, as_is=as_is, sections=sections)
-    run = own_gait(run)
-    if as_is:
-        run = run.as_is()
-    users.check_classes(run)
+        return load_request("normal", settings, as_is=as_is, walked=walked, sections=sections)
+    run = own_gait(run).as_is() if as_is else own_gait(run)
+    if walked:
+        users.check_classes(run)
     path = Path(run.body.source if gait is None else gait)
     # A run folder's own run.toml is named after the folder.
     name = path.resolve().parent.name if path.name == "run.toml" else path.stem
