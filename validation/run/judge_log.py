@@ -18,7 +18,7 @@ from validation.judge.log import find_place, find_start, mean_stride, steps_besi
 from validation.judge.metrics import display_unit, evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
-from validation.measure.log import HOLE, NAMES, Log, log_record, map_columns, measure_log, read_log
+from validation.measure.log import HOLE, LOADED, NAMES, Log, log_record, map_columns, measure_log, read_log
 from validation.measure.readers import reader_of
 from validation.progress import Progress
 from validation.run.trial import Trial
@@ -154,8 +154,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
 def _steps(log: Log, plan: WalkPlan) -> int:
     """Steps of the plan within a log, whose first and last rows may lack as much time as is no gap."""
     ends, near = np.array([0.0, *plan.contacts.step_ends]), max(2.0 * log.time_step, HOLE)
-    begun = ends[:-1] >= log.time[0] - near
-    return int(np.count_nonzero(begun & (ends[1:] <= log.time[-1] + near)))
+    return int(np.count_nonzero((ends[:-1] >= log.time[0] - near) & (ends[1:] <= log.time[-1] + near)))
 
 
 def _check_phases(log: Log, plan: WalkPlan) -> None:
@@ -232,7 +231,9 @@ def _aligned(
     empty = np.isnan(source.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
     late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
     lost = source.lost[1:].sum() + min(source.lost[0], max(late, 0.0))
-    facts |= {"left_out": float(lost / (source.duration + lost)), "empty": float(empty.mean())}
+    light = source.counts @ (source.signals["force"][:, 2] < LOADED * source.weight) if strides else 0.0
+    left_out = (lost + source.time_step * light) / (source.duration + lost)  # while nothing carries it, too
+    facts |= {"left_out": float(left_out), "empty": float(empty.mean())}
     _check_phases(judged, plan)
     by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
     if mean_of:
