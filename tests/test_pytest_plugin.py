@@ -101,15 +101,16 @@ def test_falls(walked, assert_within, c_s):
     walked("normal", controller=JointPD, **COARSE)
     assert_within()
 
-def test_nothing(assert_within):
-    assert_within("strict")
+@pytest.mark.parametrize("trials", [[], [[3.5]]])
+def test_nothing(assert_within, trials):
+    assert_within("strict", *trials)
 
 def test_unknown_gait(walked):
     walked("nromal")
 """,
         f"--basetemp={tmp_path / 'runs'}",
     )
-    result.assert_outcomes(failed=4)
+    result.assert_outcomes(failed=5)
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
@@ -117,6 +118,7 @@ def test_unknown_gait(walked):
             f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls-c_s-1/0-normal",
             "*ampm view */ampm-runs/*test_falls-c_s-1+/0-normal",
             "this test walked nothing; call walked() first, or give the trials.",
+            "[[]3.5] is no trial; give trials one by one.",
             "*did you mean 'normal'*",
         ]
     )

@@ -69,6 +69,8 @@ def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
         if not trials:
             pytest.fail("this test walked nothing; call walked() first, or give the trials.", pytrace=False)
         for trial in trials:
+            if not hasattr(trial, "judged"):
+                pytest.fail(f"{trial!r:.70} is no trial; give trials one by one.", pytrace=False)
             verdict = (trial if profile is None else trial.judged(profile)).verdict
             if not verdict.passed:
                 name = verdict.name.replace("_", " ")
