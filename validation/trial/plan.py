@@ -43,6 +43,7 @@ _IDLE: Mapping[str, tuple[Any, Sequence[str]]] = {
     "sensors.fix_rate": (0.0, ["sensors.fix_noise"]),
     "disturbance.step_height": (0.0, ["disturbance.step_number"]),
     "disturbance.mass_change": (0.0, ["disturbance.mass_segment"]),
+    "simulation.engine": ("mujoco", ["drake.stiffness", "drake.dissipation", "drake.approximation"]),
 }
 """Keys that have no effect where another key has some value."""
 
