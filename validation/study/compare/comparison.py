@@ -462,6 +462,8 @@ def compare_gaits(
     count = max(map(len, given.values()))
     if count == 1:
         count = 2
+        if [*choices] == ["body.source"]:  # the preset ipm is the human's
+            choices = {**choices, "gait.planner": ["ipm"]}
         changed = {key: [None, *values] for key, values in choices.items() if key != "body.source"}
         given |= changed or {"WALK": [*given["WALK"], "ipm"]}
     if {*map(len, given.values())} - {1, count}:
