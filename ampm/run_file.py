@@ -65,9 +65,9 @@ def _read_source(source: str) -> dict[str, Any]:
         return read_toml(Path(__file__).with_name("presets") / f"{source}.toml")
     if not os.path.exists(source):
         raise unknown(source, PRESETS, "preset or file", value=source)
-    table = read_toml(Path(source))
+    table = {"body": {"root": ""}} if source.endswith((".urdf", ".xml")) else read_toml(Path(source))
     if isinstance(body := table.get("body"), dict) and "root" in body:
-        way_out = f"walk it with --body {source}, in Python with load_run(body={{'source': {source!r}}})"
+        way_out = f"walk it with --body {source}, elsewhere with body.source = {source!r}"
         raise InputError(f"{source} describes a body and is not a gait; {way_out}.", way_out=way_out)
     for section, key in (("body", "source"), ("gait", "planner")):
         values = table.get(section)

@@ -77,10 +77,8 @@ class Writer:
 
     def _path(self, segment: int) -> list[int]:
         """Hinges from the root to a segment."""
-        if segment < 0:
-            return []
         here = [k for k, owner in enumerate(self.tree.segment_of) if owner == segment]
-        return self._path(self.tree.segments[segment].parent) + here
+        return [*self._path(self.tree.segments[segment].parent), *here] if segment >= 0 else []
 
     def _find_legs(self) -> None:
         """Find legs and trunk from the feet, knees and trunk that the description names."""
@@ -241,10 +239,7 @@ class Writer:
         tree, sole = self.tree, self._sole()
         hip = self.legs[0].hip
         mass = sum(segment.inertial.mass for segment in tree.segments)
-        com_z = sum(
-            segment.inertial.mass * float(segment.place[2] + segment.inertial.com[2])
-            for segment in tree.segments
-        )
+        com_z = sum(s.inertial.mass * float(s.place[2] + s.inertial.com[2]) for s in tree.segments)
         floor = float(self._anchor_about(self.legs[0].ankle, 1)[2]) - sole.ankle_height
         com_height, hip_height = com_z / mass - floor, float(self._anchor_about(hip, 1)[2]) - floor
         height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
@@ -338,11 +333,9 @@ class Writer:
                 ends.add(i)
                 below += [hinge.name for hinge in segment.joints]
         resting = [self.hinges[k] for k in of_legs if self.hinges[k] in self.file.rest]
-        angles = dict(self._rest())
+        rest = [(hinges[self.tree.index[name]], angle) for name, angle in self._rest()]
         outside = [
-            f"{hinge.name} = {angles[hinge.name]:g}"
-            for hinge in hinges
-            if hinge.name in angles and not hinge.low <= angles[hinge.name] <= hinge.high
+            f"{h.name} = {a:g}, not {h.low:g} to {h.high:g}" for h, a in rest if not h.low <= a <= h.high
         ]
         bare = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
         wrong = []

@@ -14,7 +14,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from models.load import LEG_JOINTS, sole_turn
 from models.source import MASSLESS, compiled_source, pattern_of, source_path
-from models.tree import at_zero, coupled_joints, motor_limits, upright_axes
+from models.tree import at_zero, coupled_joints, joints_above, motor_limits, upright_axes
 
 _LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
@@ -64,12 +64,7 @@ class _Proposal:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, at_zero(model)
-        self.chains: list[list[int]] = [[]]
-        """Joints from the world to each body, without those to the world."""
-        for body in range(1, model.nbody):
-            own = model.body_jntadr[body] + np.arange(model.body_jntnum[body])
-            parent = model.body_parentid[body]
-            self.chains.append(self.chains[parent] + own.tolist() if parent else [])
+        self.chains = joints_above(model)
         ends = self._ends()
         self.root = int(model.body_rootid[ends[0]])
         self.axes = upright_axes(self.data, ends)
@@ -210,9 +205,7 @@ def fit_sole(points: Array) -> dict[str, float]:
     keys = ("heel", "front", "bottom", "heel_half_width", "front_half_width", "middle", "pitch")
     found = (*trapezoids[k], np.median(part[:, 2]), *halves[k], middle, pitch)
     values = {key: round(float(value), 4) for key, value in zip(keys, found, strict=True)}
-    for key in ("middle", "pitch"):
-        if not values[key]:
-            del values[key]
+    values = {key: value for key, value in values.items() if value or key not in ("middle", "pitch")}
     return values if halves[k].min() > _NARROW * length else {}  # else a line or a point
 
 

@@ -32,7 +32,7 @@ class Findings:
     place: float = 0.0  # largest distance of a joint from its image's image [m]
     com: float = 0.0  # the same of a segment's COM, times its share of the mass [m]
     mass: float = 0.0  # largest difference of two masses [kg]
-    bare: int = 0  # number of segments without a shape
+    bare: tuple[int, ...] = ()  # numbers of segments without a shape
     unlike: tuple[str, ...] = ()  # values of right joints that were not those of the left
 
     @property

@@ -87,7 +87,7 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> tuple
                 f"left and right differ by {value:.3g} {unit} in {what}, more than {limit:.3g} {unit}; "
                 "a periodic walk needs a symmetric body: correct the model, or the names in its description."
             )
-    bare = sum(not segment.shapes for segment in segments)
+    bare = tuple(i for i, segment in enumerate(segments) if not segment.shapes)
     return images, signs, Findings(max(place, apart), com, mass, bare, unlike)
 
 

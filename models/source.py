@@ -154,10 +154,9 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
             spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
-            for pair in list(spec.pairs):  # only soles collide, and some name the floor of another file
-                spec.delete(pair)
-            for texture in list(spec.textures):  # drawn only, and their files may be missing
-                spec.delete(texture)
+            # Only soles collide, and pairs may name another file's floor; textures' files may be missing.
+            for thing in [*spec.pairs, *spec.textures]:
+                spec.delete(thing)
             for material in spec.materials:
                 material.textures = [""] * len(material.textures)
         _find_meshes(spec, path)
@@ -183,6 +182,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
             way_out = ", or convert it from xacro to URDF"
         elif "free joint" in what:
             way_out = ", or remove the floating joint: the root is free without it"
+        elif "mesh" in what:
+            way_out = ", or take this mesh out of the model"
         raise InputError(f"the model {str(path)!r} cannot be compiled ({what}); mend it{way_out}.") from None
 
 

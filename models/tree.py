@@ -276,17 +276,25 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
 
 
+def joints_above(model: mujoco.MjModel) -> list[list[int]]:
+    """Joints from the world to each body, without those to the world."""
+    lines = [_line(model, body)[2:] for body in range(model.nbody)]
+    return [np.flatnonzero(np.isin(model.jnt_bodyid, line)).tolist() for line in lines]
+
+
 def coupled_joints(model: mujoco.MjModel) -> set[str]:
-    """Joints that equalities of a source couple, and those of its equalities that couple anything else."""
-    names = set[str]()
+    """Joints that equalities couple, such as all between two segments; of tendons the equality's name."""
+    names, above = set[str](), joints_above(model)
     for k in np.flatnonzero(model.eq_active0).tolist():
         ends = [end for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0]
+        kind = mujoco.mjtObj(model.eq_objtype[k])
         if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT:
             names |= {model.joint(end).name for end in ends}
+        elif kind in (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE):
+            bodies = ends if kind == mujoco.mjtObj.mjOBJ_BODY else model.site_bodyid[ends]
+            names |= {model.joint(joint).name for joint in {*above[bodies[0]]} ^ {*above[bodies[1]]}}
         else:
-            things = (mujoco.mj_id2name(model, model.eq_objtype[k], end) for end in ends)
-            name = model.equality(k).name or " and ".join(filter(None, things))
-            names.add(f"equality {name}".rstrip())
+            names.add(f"equality {model.equality(k).name}".rstrip())
     return names
 
 

@@ -143,7 +143,7 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         f"the leg is too short for steps of {contacts.step_length:.4g} m with the COM at "
         f"{plan.com_height:.4g} m: the largest distance of hip and ankle"
     )
-    less = "lower gait.com_height, shorten gait.step_length or raise body.height"
+    less = "lower gait.com_height or shorten gait.step_length"
     yield Limit(what, "m", reach, AT_MOST, "leg_too_short", less), longest
 
     depth = -plan.feet.heights(feet).T

@@ -31,7 +31,6 @@ _STANDING = 1.0  # time for which the body stands, long enough for a simulation 
 _TWICE_AROUND = 4.0 * np.pi  # range of a joint beyond which it is in degrees [rad]
 _OFF = 0.1  # most distance of the feet's lowest point from the soles, over the soles' length [1]
 _RUBBING = 0.05  # dry friction over a torque limit beyond which walks were seen to fail [1]
-_GROUPS = ("hip", "knee", "ankle", "toe", "trunk", "arms")
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
 
 
@@ -84,7 +83,7 @@ def check(source: str, settings: tuple[str, ...] = (), progress: Progress | None
     except RefusedGait as error:
         refusal = str(error)
         values = error.values if isinstance(error, NoFeasibleChoice) else {}
-        torque |= {name: values[f"{name}_torque"] for name in _GROUPS if f"{name}_torque" in values}
+        torque |= {key.removesuffix("_torque"): values[key] for key in values if key.endswith("_torque")}
     if refusal and notes and abs(facts[_FEET][0]) > _OFF * robot.description.sole.length:
         refusal = f"{notes[0]} As it is, {refusal}"  # the cause, then what follows from it
     return BodyCheck(source, facts, tuple(notes), torque, gait, found, refusal)
@@ -117,7 +116,7 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         "length of a leg": (d.leg_length, "m"),
         "distance of the hips": (2.0 * d.hip_half_width, "m"),
         "length of a sole": (sole.length, "m"),
-        _FEET: (_feet_over_soles(model, robot), "m"),
+        _FEET: (_feet_over_soles(model, robot, findings), "m"),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
         _LEG: (float(np.linalg.svd(leg, compute_uv=False)[-1]), "1"),
         "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
@@ -128,8 +127,8 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
     }
 
 
-def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
-    """Height of the lowest point of the feet's shapes over the soles at rest [m]."""
+def _feet_over_soles(model: mujoco.MjModel, robot: Robot, findings: Findings) -> float:
+    """Height of the lowest point of the feet's shapes over the soles at rest [m]; NaN without such shapes."""
     d, q = robot.description, pin.neutral(robot.model)
     for joint, angle in d.rest:
         q[robot.velocity_indices((joint,)) + 1] = angle
@@ -139,13 +138,14 @@ def _feet_over_soles(model: mujoco.MjModel, robot: Robot) -> float:
     mujoco.mj_forward(model, data)
     points = {name for _, _, name in d.sole_points()}
     feet = {model.body(name).id for leg in d.legs for name in (leg.foot_segment, leg.toe_segment) if name}
+    feet -= {number + 1 for number in findings.bare}  # the world is MuJoCo's first body
     floor = model.geom("floor").id
     gaps = [
         mujoco.mj_geomDistance(model, data, floor, geom, d.height, None)
         for geom in range(model.ngeom)
         if model.geom_bodyid[geom] in feet and model.geom(geom).name not in points
     ]
-    return float(min(gaps) - min(data.geom(name).xpos[2] for name in points))
+    return float(min(gaps, default=np.nan) - min(data.geom(name).xpos[2] for name in points))
 
 
 def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, str]]) -> list[str]:
@@ -172,7 +172,7 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
             friction > _RUBBING
         ),
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,
-        f"{findings.bare} segments have no shape: clearance is that of ellipsoids of their inertia.": (
+        f"{len(findings.bare)} segments have no shape: clearance is that of ellipsoids of their inertia.": (
             findings.bare
         ),
         "Left and right differ in the source: the body has the mean of places and masses.": (
