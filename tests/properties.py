@@ -6,7 +6,7 @@ import pinocchio as pin
 from ampm.geometry import polygon_margin
 from ampm.planner.contacts import footprint
 from ampm.planner.feet import foot_rotation, foot_turning
-from ampm.planner.footsteps import MARGIN
+from ampm.planner.footsteps import zmp_margin
 
 
 def inside(plan, count=40):
@@ -66,7 +66,8 @@ def assert_zmp_in_soles(plan, sole):
         feet = [step for step in (phase.left, phase.right) if step]
         outline = np.concatenate([footprint(sole, step) for step in feet])
         outlines = np.broadcast_to(outline, (len(points), *outline.shape))
-        assert polygon_margin(outlines, np.ones(outlines.shape[:2], bool), points).min() > MARGIN - 1e-6
+        margin = polygon_margin(outlines, np.ones(outlines.shape[:2], bool), points)
+        assert margin.min() > zmp_margin(sole) - 1e-6
 
 
 def assert_feet_move(plan, h=1e-5):

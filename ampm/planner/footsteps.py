@@ -33,8 +33,6 @@ from ampm.planner.rest_to_rest import (
     times,
 )
 
-MARGIN = 0.015
-"""Least distance of the ZMP from the edge of the flat soles that stand [m]."""
 LARGEST_TILT = 0.6
 """Largest angle by which the angular momentum may turn the trunk [rad]; from 0.68 hands meet thighs."""
 _TRUNK_INERTIA = 0.076  # of what turns with the trunk, as a share of mass times the COM's height squared
@@ -171,7 +169,8 @@ def problem_of(
 def _largest_inverse_a(solved: Solution, sole: SoleGeometry) -> Array:
     """The ``1/a_s`` of every support that keeps the ZMP of a solution from heel and tip, shape (N,) [1]."""
     problem = solved.problem
-    ahead, behind = sole.tip_x - MARGIN - _ROOM, -sole.heel_x - MARGIN - _ROOM
+    room = zmp_margin(sole) + _ROOM
+    ahead, behind = sole.tip_x - room, -sole.heel_x - room
     from_foot = np.stack([solved.state[:, 0], solved.end[:, 0]], axis=1) - problem.place[:, None]
     along = (from_foot * problem.axes[:, None, :, 0]).sum(axis=2)
     with np.errstate(divide="ignore", over="ignore"):
@@ -287,13 +286,13 @@ def _refuse(
     """Refuse feet that cross, a ZMP near an edge, and a trunk that turns too far."""
     refuse_crossing(footsteps, body.sole, first)
     number, margin = _least_margin(footsteps, body.sole, plan)
-    if not margin >= MARGIN:
+    if not margin >= (least := zmp_margin(body.sole)):
         raise BodilyRefusal(
             f"footsteps {first - 1 + number} and {first + number}: the ZMP comes to {1e3 * margin:.3g} mm "
-            f"from the edge of the flat soles, nearer than {1e3 * MARGIN:g} mm",
+            f"from the edge of the flat soles, nearer than {1e3 * least:.3g} mm",
             reason="zmp_margin_too_small",
             value=margin,
-            limit=MARGIN,
+            limit=least,
             unit="m",
             way_out="shorten or narrow the steps there, or give them more time; places are in metres",
         )
@@ -338,6 +337,11 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
             if apart.max() < 0.0
             else "put it further out on its own side, and give headings in radians",
         )
+
+
+def zmp_margin(sole: SoleGeometry) -> float:
+    """Least distance of the ZMP from the edge of the flat soles that stand, less of narrow ones [m]."""
+    return min(0.015, 0.6 * sole.half_width)
 
 
 def _least_margin(steps: Sequence[Footstep], sole: SoleGeometry, plan: CentroidalPlan) -> tuple[int, float]:

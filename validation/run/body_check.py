@@ -24,7 +24,7 @@ from validation.trial.plan import PlannedWalk, Request, load_request, make_body,
 from validation.trial.simulate import simulate
 
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
-_LEAST_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
+_SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
 _FEET = "lowest point of the feet over their soles"
 _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
@@ -163,18 +163,12 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         f"Joints without a range: {endless}.": endless,
         f"Joints that turn more than twice around: {wide}. Ranges are in radians.": wide,
         f"Joints of neither leg, trunk nor arm, which rest: {', '.join(d.head)}.": d.head,
-        "The joints of a leg hardly move its sole in some direction: it cannot be held flat.": (
-            facts[_LEG][0] < _LEAST_SINGULAR
-        ),
+        "A leg hardly moves its sole in some direction: it cannot be held flat.": facts[_LEG][0] < _SINGULAR,
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
         f"{len(d.passive)} joints have dampers, springs or dry friction, known to the controller.": d.passive,
-        f"Dry friction takes {friction:.2g} of a leg's torque: over {_RUBBING:g}, walks may fail by it.": (
-            friction > _RUBBING
-        ),
+        f"Dry friction takes {friction:.2g} of a leg's torque; walks may fail by it.": friction > _RUBBING,
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,
-        f"{len(findings.bare)} segments have no shape: clearance is that of ellipsoids of their inertia.": (
-            findings.bare
-        ),
+        f"{len(findings.bare)} segments have no shape: clearance is of ellipsoids of inertia.": findings.bare,
         "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
