@@ -213,8 +213,8 @@ class Writer:
             )
         elif not sole.ankle_height > 0.0:
             wrong = (
-                f"sole.bottom = {outline.bottom:g} is {-sole.ankle_height:g} m over the ankle; measure it "
-                "from the foot's origin, z upwards."
+                f"sole.bottom = {outline.bottom:g} is {abs(sole.ankle_height):g} m over the ankle; measure "
+                "it from the foot's origin, z upwards."
             )
         elif not (
             outline.heel < outline.reference < outline.front and sole.heel_x < sole.ankle_x < sole.tip_x

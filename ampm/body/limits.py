@@ -55,8 +55,8 @@ class Limit:
         return f"{side} {self.quantity(self.bound, digits)}"
 
     def quantity(self, value: float, digits: int) -> str:
-        """A value with its unit."""
-        return f"{value:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
+        """A value with its unit; -0 is 0."""
+        return f"{value + 0.0:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
 
     def told(self, value: float) -> tuple[str, str]:
         """A broken value and the rule in words, with as many digits as tell them apart."""
