@@ -190,7 +190,7 @@ def test_a_changed_definition_walks_what_it_changes(command, out, old, new, walk
     (out / "results.parquet").unlink()
     assert len(read_sweep(out)) == 9  # rows of the other definition do not count
     (out / ROWS).unlink()
-    with pytest.raises(InputError, match="no result yet"):
+    with pytest.raises(InputError, match=r"no result yet; .* --resume"):
         read_sweep(out)
 
 

@@ -356,7 +356,9 @@ def read_sweep(folder: Path | str) -> SweepTable:
         keys = (key_of(definition, run) for run in range(len(definition)))
         table = build_table(definition, (rows[key] for key in keys if key in rows))
         if not table.num_rows:
-            raise InputError(f"the sweep in {folder} has no result yet; wait for its first rows.")
+            raise InputError(
+                f"the sweep in {folder} has no result yet; wait for one, or go on with --resume."
+            )
         return SweepTable(table, folder, str(folder))
     try:
         table = pq.read_table(file, use_threads=False)
