@@ -31,13 +31,11 @@ def sole_task(work: Workspace, i: int) -> None:
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
     rotation = rotation_error(wanted.foot_rotation[i], foot.pose)
-    holds = lines.planned | lines.touched
-    all_lines = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
     if _is_held(lines):
         work.tasks.softness[rows] = STANCE
         if foot.roll_row >= 0:  # the sole rolls as the leg leans
             work.tasks.softness[foot.roll_row] = SWING
-        _stance(work, i, all_lines, rotation, rates, acceleration)
+        _stance(work, i, rotation, rates, acceleration)
         return
     work.tasks.softness[rows] = OFF_PLAN if work.stepping[0].off_plan else SWING
     place = plus(vector(body.com), vector(foot.place))
@@ -57,57 +55,71 @@ def _swing(gains: Any, planned: Vector, error: Vector, rate_error: Vector) -> Ve
 
 
 @compiled
-def _stance(
-    work: Workspace, i: int, all_lines: bool, rotation: Vector, rates: Array, acceleration: Array
-) -> None:
-    """Write the wanted acceleration of a sole in contact; ``rotation`` takes it to the planned one [rad]."""
-    gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
-    foot, heel, ball = body.feet[i], lines[HEEL], lines[BALL]
+def _stance(work: Workspace, i: int, rotation: Vector, rates: Array, acceleration: Array) -> None:
+    """Write the wanted acceleration of a sole in contact; ``rotation`` takes it to the planned one [rad].
+
+    A point at an arm r holds the sole: of one that lies flat the reference point, of another the middle of a
+    line. With v and w the velocity and rate of the sole, the acceleration wanted of this point is
+    ``vd + wd x r + w x (w x r)``.
+    """
+    gains, foot, lines = work.gains, work.body.feet[i], work.contact.lines[i]
+    heel, ball, last = lines[HEEL], lines[BALL], work.contact.last[i]
     velocity, omega = vector(rates[0:3]), vector(rates[3:6])
     # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
     press = 1.0 - max(heel.opening, ball.opening) if lines.planned.any() else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
     # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
-    last = work.contact.last[i]
     same = (lines.touching == last.touching).all()
     share = gains.stance_yield if same and _is_held(last) else 0.0
     yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
     put(foot.turning, omega)
-    if all_lines and heel.touched and ball.touched:  # flat
-        put(acceleration[0:3], times(-damping, velocity))
-        acceleration[2] = _vertical(work, i, press, damping, velocity[2], share)
-        still = times(-gains.stance_damping, omega)
-        put(acceleration[3:6], plus(times(1.0 - share, still), yielding))
-        acceleration[5] = still[2]  # the floor yields upwards and downwards
-        return
-    # Roll and pitch in the axes of the foot's heading: about its x and y axis.
-    cos, sin = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
-    turning = minus(times(gains.roll_stiffness, rotation), times(gains.roll_damping, omega))
-    roll, pitch = along_across(turning[0], turning[1], cos, sin)
-    roll = (1.0 - share) * roll + cos * yielding[0] + sin * yielding[1]
-    _, pitch_rate = along_across(omega[0], omega[1], cos, sin)
-    holds = lines.touched.any()
-    if all_lines:  # a line is late: turn it to the floor
-        rate = gains.touchdown_rate if heel.touched else -gains.touchdown_rate
-        pitch = gains.roll_damping * ((rate if holds else 0.0) - pitch_rate)
-    else:  # rolling on heel or toes
-        planned, change = wanted.foot_angular_velocity[i], wanted.foot_angular_acceleration[i]
-        _, planned_rate = along_across(planned[0], planned[1], cos, sin)
-        _, planned_change = along_across(change[0], change[1], cos, sin)
-        pitch = pitch + planned_change + gains.roll_damping * planned_rate
-        if heel.touched and not (ball.planned or ball.touched):
-            pitch -= _sinking(work, i, rotation, velocity, omega)
-    x, y = along_across(roll, pitch, cos, -sin)
-    turning = x, y, turning[2]
-    # The line that holds the foot stays where it is; the reference point turns about it.
-    on_heel = heel.touched if holds else heel.planned or heel.touched
-    pivot = minus(_middle(body.points, i, HEEL if on_heel else BALL), vector(foot.place))
+    holds = lines.planned | lines.touched
+    all_lines = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
+    if all_lines and heel.touched and ball.touched:  # flat; about z the floor does not yield
+        x, y, z = times(-gains.stance_damping, omega)
+        turning = (1.0 - share) * x + yielding[0], (1.0 - share) * y + yielding[1], z
+        pivot = ZERO
+    else:
+        turning = _rolling(work, i, all_lines, rotation, rates, share, yielding)
+        on_heel = heel.touched if lines.touched.any() else heel.planned
+        pivot = minus(_middle(work.body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
     down = _vertical(work, i, press, damping, speed[2], share)
     still = -damping * speed[0], -damping * speed[1], down
     put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
     put(acceleration[3:6], turning)
+
+
+@compiled
+def _rolling(
+    work: Workspace, i: int, late: bool, rotation: Vector, rates: Array, share: float, yielding: Vector
+) -> Vector:
+    """Wanted angular acceleration of a sole that does not lie flat [rad/s^2].
+
+    If a line is ``late``, the sole turns to the floor; else it rolls on heel or toes as planned. Its roll
+    yields as :func:`_stance` says, its pitch does not.
+    """
+    gains, wanted, omega, lines = work.gains, work.wanted, vector(rates[3:6]), work.contact.lines[i]
+    heel, ball = lines[HEEL], lines[BALL]
+    x, y, yaw = minus(times(gains.roll_stiffness, rotation), times(gains.roll_damping, omega))
+    # Roll and pitch in the axes of the foot's heading: about its x and y axis.
+    cos, sin = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
+    roll, pitch = along_across(x, y, cos, sin)
+    roll = (1.0 - share) * roll + cos * yielding[0] + sin * yielding[1]
+    if late:
+        rate = gains.touchdown_rate if lines.touched.any() else 0.0
+        _, pitch_rate = along_across(omega[0], omega[1], cos, sin)
+        pitch = gains.roll_damping * ((rate if heel.touched else -rate) - pitch_rate)
+    else:
+        planned, change = wanted.foot_angular_velocity[i], wanted.foot_angular_acceleration[i]
+        _, planned_rate = along_across(planned[0], planned[1], cos, sin)
+        _, planned_change = along_across(change[0], change[1], cos, sin)
+        pitch = pitch + planned_change + gains.roll_damping * planned_rate
+        if heel.touched and not (ball.planned or ball.touched):
+            pitch -= _sinking(work, i, rotation, rates)
+    x, y = along_across(roll, pitch, cos, -sin)
+    return x, y, yaw
 
 
 @compiled
@@ -144,14 +156,14 @@ def _is_held(lines: Any) -> bool:
 
 
 @compiled
-def _sinking(work: Workspace, i: int, rotation: Vector, velocity: Vector, omega: Vector) -> float:
+def _sinking(work: Workspace, i: int, rotation: Vector, rates: Array) -> float:
     """Pitch acceleration [rad/s^2] that makes up for a loaded heel's sinking: the ball lands as planned."""
     gains, foot, points = work.gains, work.body.feet[i], work.body.points
     heel, ball = _middle(points, i, HEEL), _middle(points, i, BALL)
     length, arm = math.hypot(ball[0] - heel[0], ball[1] - heel[1]), minus(heel, vector(foot.place))
     planned = work.wanted.foot_position[i, 2] + cross(rotation, arm)[2]
     sunk = (planned - work.body.com[2] - foot.place[2]) / length
-    rate = -(velocity[2] + cross(omega, arm)[2]) / length if 0.0 < sunk < DEEPEST else 0.0
+    rate = -(rates[2] + cross(vector(rates[3:6]), arm)[2]) / length if 0.0 < sunk < DEEPEST else 0.0
     feedback = gains.roll_stiffness * clip(sunk, 0.0, DEEPEST) + gains.roll_damping * rate
     return gains.sink_compensation * feedback
 
