@@ -21,16 +21,18 @@ ACROSS = 3.0
 
 
 @compiled
-def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float, out: Array) -> None:
-    """Write least and largest x, least and largest y of a foot's points in its axes, shape (4,) [m]."""
-    out[0] = out[2] = math.inf
-    out[1] = out[3] = -math.inf
+def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float) -> Array:
+    """Least and largest place of a foot's points, along and across its heading, shape (2, 2) [m]."""
+    sole = np.array([[math.inf, -math.inf], [math.inf, -math.inf]])
     for i in range(len(points)):
         if points[i].foot == foot:
-            x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
-            along, across = along_across(x, y, cos, sin)
-            out[0], out[1] = min(out[0], along), max(out[1], along)
-            out[2], out[3] = min(out[2], across), max(out[3], across)
+            place = along_across(com[0] + points[i].arm[0], com[1] + points[i].arm[1], cos, sin)
+            for axis in range(2):
+                sole[axis, 0], sole[axis, 1] = (
+                    min(sole[axis, 0], place[axis]),
+                    max(sole[axis, 1], place[axis]),
+                )
+    return sole
 
 
 @compiled

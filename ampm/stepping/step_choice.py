@@ -4,7 +4,9 @@ With c the COM, ``omega^2 = g / H`` and ``r = c - cdd / omega^2`` (the ZMP of a 
 momentum), the divergent component of motion ``xi = c + cd / omega`` obeys ``xid = omega (xi - r)``: it
 grows from whatever r does not hold. A push moves it. What the ankle cannot take out until the next switch, a
 step must.
-Vectors are horizontal, in the axes of the standing foot: along, and to the left.
+
+Vectors are horizontal: in world, or along the heading of the standing foot and to its left. Times in which a
+DCM grows are given as ``tau``, omega times the time.
 """
 
 import math
@@ -12,10 +14,10 @@ import math
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.sole import sole_of
+from ampm.control.sole import sole_of, turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.vectors import along_across, clip
+from ampm.vectors import clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
@@ -24,8 +26,8 @@ IN_LINE, NEAR, GAP = 0.5, 0.02, 0.05
 """Least distance of two soles' middles across with one ahead of the other, in widths of a foot [1]; what is
 added to it or, beside each other, to what both take, and the gap between toe and heel from which one is ahead
 [m]."""
-SHORTEST, LONGEST = 0.32, 1.8
-"""Least duration of a single support [s], and longest over the planned one [1]."""
+SHORTEST = 0.32
+"""Least duration of a single support [s]."""
 TIMES = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 1.8])
 """Candidates for the rest of a single support, per planned rest [1]."""
 EASY_LENGTH, EASY_WIDTH = 0.15, 0.06
@@ -36,8 +38,8 @@ at the last tick [m]."""
 RETURN, RETURN_MOST, CATCH_UP = 0.5, 0.05, 0.05
 """Share of its displacement by which the next step returns to its planned place [1], at most so far along and
 across [m], and how much longer or shorter a single support may be to return to its planned time [1]."""
-OVERSHOOT = 1.05
-"""Factor on lateral displacements, because the step after a narrow one is the harder one [1]."""
+OVERSHOOT = (1.0, 1.05)
+"""Factors on displacements along and across, because the step after a narrow one is the harder one [1]."""
 SOLE_SHARE = 0.8
 """Share of the sole that counts for what the ankle can do until the next switch [1]."""
 
@@ -49,9 +51,9 @@ _NODES, _WEIGHTS = (
 
 
 @compiled
-def ramp_share(x: float) -> float:
-    """``(1 - exp(-x)) / x``: weight of the beginning of a linear change over a time ``x / omega``."""
-    return 1.0 - 0.5 * x if x < 1e-6 else -math.expm1(-x) / x
+def ramp_share(tau: float) -> float:
+    """``(1 - exp(-tau)) / tau``: weight of the beginning of a linear change over the time ``tau``."""
+    return 1.0 - 0.5 * tau if tau < 1e-6 else -math.expm1(-tau) / tau
 
 
 @compiled
@@ -69,22 +71,22 @@ def phase_interval(state: SteppingState, stepper: Stepper) -> tuple[int, float]:
 
 
 @compiled
-def dcm_ahead(state: SteppingState, stepper: Stepper, x: float, out: Array) -> None:
-    """Write the DCM from which the rest of its phase leads to the planned end, shape (2,) [m].
+def dcm_ahead(state: SteppingState, stepper: Stepper, tau: float) -> Array:
+    """DCM from which the rest of its phase leads to the planned end, in world, shape (2,) [m].
 
-    The rest of r takes the time D, whatever it would take in the plan; ``x`` is omega D::
+    The rest of r takes the time D of ``tau``, whatever it would take in the plan::
 
         xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
     """
-    r, end, begin = stepper.curves.r, stepper.curves.xi[-1], phase_position(state, stepper)
-    last, decay = len(r) - 1, math.exp(-x)
-    out[0], out[1] = decay * end[0], decay * end[1]
+    r, begin = stepper.curves.r, phase_position(state, stepper)
+    last, xi = len(r) - 1, math.exp(-tau) * stepper.curves.xi[-1]
     for k in range(len(_NODES)):
         at = begin + _NODES[k] * (last - begin)
         i = min(int(at), last - 1)
-        share, weight = at - i, _WEIGHTS[k] * x * math.exp(-x * _NODES[k])
+        share, weight = at - i, _WEIGHTS[k] * tau * math.exp(-tau * _NODES[k])
         for axis in range(2):
-            out[axis] += weight * ((1.0 - share) * r[i, axis] + share * r[i + 1, axis])
+            xi[axis] += weight * ((1.0 - share) * r[i, axis] + share * r[i + 1, axis])
+    return xi
 
 
 @compiled
@@ -134,15 +136,16 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
 
 
 @compiled
-def mean_zmp(state: SteppingState, stepper: Stepper, x: float) -> tuple[float, float]:
-    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM; ``x`` is omega D [m]."""
+def mean_zmp(state: SteppingState, stepper: Stepper, tau: float) -> Array:
+    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM, shape (2,) [m]."""
     zmp, begin = stepper.curves.zmp, phase_position(state, stepper)
-    mean_x = mean_y = total = 0.0
+    mean, total = np.zeros(2), 0.0
     for k in range(5):
         i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
-        weight = math.exp(-0.25 * k * x) * (0.5 if k in (0, 4) else 1.0)
-        mean_x, mean_y, total = mean_x + weight * zmp[i, 0], mean_y + weight * zmp[i, 1], total + weight
-    return mean_x / total, mean_y / total
+        weight = math.exp(-0.25 * k * tau) * (0.5 if k in (0, 4) else 1.0)
+        mean += weight * zmp[i]
+        total += weight
+    return mean / total
 
 
 @compiled
@@ -153,13 +156,55 @@ def heading_of(rotation: Array) -> tuple[float, float]:
 
 
 @compiled
-def expected_dcm(work: Workspace, omega: float) -> tuple[float, float]:
-    """Measured DCM, with what taking out the surplus of angular momentum will cost it [m]."""
-    com, rates, mass, momentum = work.body.com, work.tasks.rates, work.body.mass, work.wanted.angular_momentum
+def expected_dcm(work: Workspace, omega: float) -> Array:
+    """Measured DCM, with what the surplus of angular momentum will cost it, in world, shape (2,) [m]."""
+    com, rates, mass = work.body.com, work.tasks.rates, work.body.mass
+    surplus = mass * rates[3:5] - work.wanted.angular_momentum[:2]
     lever = omega / (mass * work.body.gravity)
-    surplus_x = mass * rates[3] - momentum[0]
-    surplus_y = mass * rates[4] - momentum[1]
-    return com[0] + rates[0] / omega + lever * surplus_y, com[1] + rates[1] / omega - lever * surplus_x
+    return com[:2] + rates[:2] / omega + lever * np.array([surplus[1], -surplus[0]])
+
+
+@compiled
+def needed_step(work: Workspace, stepper: Stepper, sole: Array, tau: float, back: Array) -> Array:
+    """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
+
+    Args:
+        work: as in :func:`plan_step`.
+        stepper: with the phase.
+        sole: see :func:`~ampm.control.sole.sole_of`.
+        tau: rest of the single support.
+        back: displacement in any case, shape (2,) [m].
+    """
+    state: SteppingState = work.stepping[0]
+    wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
+    cos, sin = heading_of(wanted.foot_rotation[state.stance])
+    decay, ramp = math.exp(-tau), ramp_share(omega * state.double)
+    if state.off_plan:
+        planned = dcm_ahead(state, stepper, tau)
+    else:
+        planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
+    error = turned_axes(expected_dcm(work, omega) - planned - shift, cos, sin) - ramp * decay * back
+    zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
+    for axis in range(2):
+        low, high = SOLE_SHARE * (sole[axis, 0] - zmp[axis]), SOLE_SHARE * (sole[axis, 1] - zmp[axis])
+        step[axis] += OVERSHOOT[axis] * step_change(error[axis], decay, ramp, low, high)
+    return step
+
+
+@compiled
+def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> Array:
+    """What the legs allow of a displacement, both along and across, shape (2,) [m]."""
+    state: SteppingState = work.stepping[0]
+    size, length, beside = stepper.size, sole[0, 1] - sole[0, 0], stepper.foot_width
+    if state.off_plan:  # a foot that is turned takes more
+        cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
+        to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
+        beside += 0.5 * length * abs(cos * to_sin - sin * to_cos)
+    along = clip(step[0], -size * BACKWARD, size * FORWARD)
+    in_line = abs(state.length + along) >= length + GAP * size
+    narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
+    side = 1.0 if state.stance == 1 else -1.0  # of the swing foot
+    return np.array([along, side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)])
 
 
 @compiled
@@ -176,58 +221,25 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
         stepper: with the phase.
     """
     state: SteppingState = work.stepping[0]
-    body, wanted, omega, size = work.body, work.wanted, stepper.omega, stepper.size
-    shift, side = state.shift[state.stance], 1.0 if state.stance == 1 else -1.0
-    rest = state.duration - state.clock
-    cos, sin = heading_of(wanted.foot_rotation[state.stance])
-    sole, dcm_wanted, best_step = np.empty(4), np.empty(2), np.zeros(2)
-    sole_of(state.stance, body.points, body.com, cos, sin, sole)
-    dcm_x, dcm_y = expected_dcm(work, omega)
-    sole_length, shortest = sole[1] - sole[0], SHORTEST * math.sqrt(size)
-    beside = stepper.foot_width
-    if state.off_plan:  # a foot that is turned takes more
-        to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
-        beside += 0.5 * sole_length * abs(cos * to_sin - sin * to_cos)
-    ramp, most_back = ramp_share(omega * state.double), RETURN_MOST * size
-    least_cost, best_factor, best = math.inf, 1.0, -1
+    size, rest, shortest = stepper.size, state.duration - state.clock, SHORTEST * math.sqrt(stepper.size)
+    cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
+    sole = sole_of(state.stance, work.body.points, work.body.com, cos, sin)
+    shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
+    least_cost, last_choice = math.inf, state.choice
     for k in range(-1, len(TIMES) if state.off_plan else 0):  # -1 returns to the plan
-        factor = clip(1.0 - state.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP) if k < 0 else TIMES[k]
-        if k >= 0 and (factor * state.duration < shortest or factor > LONGEST):
-            continue
-        x = omega * max(rest * factor, 1e-4)
-        if state.off_plan:
-            dcm_ahead(state, stepper, x, dcm_wanted)
-        else:
-            dcm_wanted[0] = wanted.com[0] + wanted.com_velocity[0] / omega
-            dcm_wanted[1] = wanted.com[1] + wanted.com_velocity[1] / omega
-        back_along = back_across = 0.0
         if k < 0:
-            shift_along, shift_across = along_across(shift[0], shift[1], cos, sin)
-            back_along = clip(-RETURN * shift_along, -most_back, most_back)
-            back_across = clip(-RETURN * shift_across, -most_back, most_back)
-        decay = math.exp(-x)
-        error_x, error_y = dcm_x - dcm_wanted[0] - shift[0], dcm_y - dcm_wanted[1] - shift[1]
-        error_along, error_across = along_across(error_x, error_y, cos, sin)
-        error_along -= ramp * decay * back_along
-        error_across -= ramp * decay * back_across
-        zmp_x, zmp_y = mean_zmp(state, stepper, x)
-        zmp_along, zmp_across = along_across(zmp_x + shift[0], zmp_y + shift[1], cos, sin)
-        low, high = SOLE_SHARE * (sole[0] - zmp_along), SOLE_SHARE * (sole[1] - zmp_along)
-        forward = back_along + step_change(error_along, decay, ramp, low, high)
-        low, high = SOLE_SHARE * (sole[2] - zmp_across), SOLE_SHARE * (sole[3] - zmp_across)
-        wider = side * (OVERSHOOT * step_change(error_across, decay, ramp, low, high) + back_across)
-        # What the legs allow of it.
-        longer = clip(forward, -size * BACKWARD, size * FORWARD)
-        in_line = abs(state.length + longer) >= sole_length + GAP * size
-        narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
-        aside = clip(wider, min(narrowest - state.width, 0.0), size * WIDER)
-        cost = max(abs(longer) - size * EASY_LENGTH, 0.0) + max(abs(aside) - size * EASY_WIDTH, 0.0)
-        cost += LIMIT_COST * (abs(forward - longer) + abs(wider - aside))
-        cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
+            factor = clip(1.0 - state.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP)
+            back = np.clip(-RETURN * shift, -most, most)
+        else:
+            factor, back = TIMES[k], np.zeros(2)
+            if factor * state.duration < shortest:
+                continue
+        needed = needed_step(work, stepper, sole, stepper.omega * max(rest * factor, 1e-4), back)
+        step = allowed_step(work, stepper, sole, needed)
+        cost = max(abs(step[0]) - size * EASY_LENGTH, 0.0) + max(abs(step[1]) - size * EASY_WIDTH, 0.0)
+        cost += LIMIT_COST * (abs(needed[0] - step[0]) + abs(needed[1] - step[1]))
+        cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == last_choice else 0.0))
         if cost < least_cost:
-            least_cost, best_factor, best = cost, factor, k
-            best_step[0], best_step[1] = longer, side * aside
-    if least_cost < math.inf:
-        state.step[0], state.step[1] = along_across(best_step[0], best_step[1], cos, -sin)
-        state.factor, state.choice = best_factor, best
-    return state.step[0] != 0.0 or state.step[1] != 0.0
+            least_cost, state.factor, state.choice = cost, factor, k
+            state.step[:] = turned_axes(step, cos, -sin)
+    return bool(state.step.any())

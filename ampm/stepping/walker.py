@@ -3,9 +3,8 @@
 import math
 from typing import Any
 
-import numpy as np
-
 from ampm.compiled import compiled
+from ampm.control.sole import turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
@@ -147,64 +146,61 @@ def advance(work: Workspace, stepper: Stepper) -> None:
     slope_x, slope_y = state.slope[0], state.slope[1]
     slope = slope_x - clip(slope_x, -LEVEL, LEVEL), slope_y - clip(slope_y, -LEVEL, LEVEL)
     state.heading[0], state.heading[1] = heading_of(wanted.foot_rotation[state.stance])
-    dcm = np.empty(2)
     if state.single:
         moved = 0.0
-        _swing(work, stepper, slope, dcm)
+        dcm = _swing(work, stepper, slope)
     else:
         moved = clip(state.clock / state.duration, 0.0, 1.0)
-        _transfer(work, stepper, moved, dcm)
+        dcm = _transfer(work, stepper, moved)
     state.floor = _com(work, stepper, moved, slope, dcm)
     _feet(state, slope, wanted)
 
 
 @compiled
-def _swing(work: Workspace, stepper: Stepper, slope: tuple[float, float], dcm: Array) -> None:
-    """Single support: choose the next step, move the swing foot towards it, write the DCM's reference."""
+def _swing(work: Workspace, stepper: Stepper, slope: tuple[float, float]) -> Array:
+    """Single support: choose the next step and move the swing foot towards it.
+
+    Returns the DCM's reference, in world, shape (2,) [m].
+    """
     state: SteppingState = work.stepping[0]
-    cos, sin = state.heading[0], state.heading[1]
     shift, rest = state.shift[state.stance], state.duration - state.clock
     landing = stepper.table.foot_position[-1]
-    reach_x, reach_y, _ = minus(vector(landing[1 - state.stance]), vector(landing[state.stance]))
+    reach = landing[1 - state.stance] - landing[state.stance]
     if rest * state.factor > FREEZE:
-        state.length, across = along_across(reach_x, reach_y, cos, sin)
+        state.length, across = along_across(reach[0], reach[1], state.heading[0], state.heading[1])
         state.width = abs(across)
         plan_step(work, stepper)
     duration = max(rest * state.factor, 1e-4)
-    x = stepper.omega * duration
-    dcm_ahead(state, stepper, x, dcm)
-    share = ramp_share(stepper.omega * state.double)
-    for axis in range(2):
-        dcm[axis] += shift[axis] + state.step[axis] * share * math.exp(-x)
-    to_x, to_y = reach_x + state.step[0], reach_y + state.step[1]
-    target = np.empty(3)
-    target[0], target[1] = shift[0] + state.step[0], shift[1] + state.step[1]
+    to_x, to_y = reach[0] + state.step[0], reach[1] + state.step[1]
+    target = shift.copy()
+    target[:2] += state.step
     planned = stepper.slope[0] * state.step[0] + stepper.slope[1] * state.step[1]
     target[2] = shift[2] + slope[0] * to_x + slope[1] * to_y + planned
     quintic_tick(state.swing, target, duration, stepper.tick)
-    state.sag = SAG * max(math.hypot(to_x, to_y) - math.hypot(reach_x, reach_y), 0.0)
+    state.sag = SAG * max(math.hypot(to_x, to_y) - math.hypot(reach[0], reach[1]), 0.0)
+    tau, ramp = stepper.omega * duration, ramp_share(stepper.omega * state.double)
+    return dcm_ahead(state, stepper, tau) + (shift[:2] + state.step * ramp * math.exp(-tau))
 
 
 @compiled
-def _transfer(work: Workspace, stepper: Stepper, moved: float, dcm: Array) -> None:
-    """Double support: measure the shift of the landed foot, write the DCM's reference, adapt the duration."""
+def _transfer(work: Workspace, stepper: Stepper, moved: float) -> Array:
+    """Double support: measure the shift of the landed foot, and adapt the duration.
+
+    Returns the DCM's reference, in world, shape (2,) [m].
+    """
     state: SteppingState = work.stepping[0]
     body, wanted, landed = work.body, work.wanted, 1 - state.stance
     old, new = state.shift[state.stance], state.shift[landed]
     if state.touches[landed] > 0 and state.waited == 0.0:
-        planned = wanted.foot_position[landed]
-        for axis in range(2):
-            new[axis] = body.com[axis] + body.feet[landed].place[axis] - planned[axis]
+        new[:2] = body.com[:2] + body.feet[landed].place[:2] - wanted.foot_position[landed, :2]
         floor = stepper.table.foot_position[-1, landed, 2]
         new[2] = step_up(work, stepper.slope, landed, floor)
-    x = stepper.omega * max((state.duration - state.clock) * state.factor, 1e-4)
-    dcm_ahead(state, stepper, x, dcm)
-    for axis in range(2):
-        here = old[axis] + moved * (new[axis] - old[axis])
-        dcm[axis] += here + (new[axis] - here) * (1.0 - ramp_share(x))
-    dcm_x, dcm_y = expected_dcm(work, stepper.omega)
-    ahead, _ = along_across(dcm_x - dcm[0], dcm_y - dcm[1], state.heading[0], state.heading[1])
+    tau = stepper.omega * max((state.duration - state.clock) * state.factor, 1e-4)
+    here = old[:2] + moved * (new[:2] - old[:2])
+    dcm = dcm_ahead(state, stepper, tau) + (here + (new[:2] - here) * (1.0 - ramp_share(tau)))
+    ahead = turned_axes(expected_dcm(work, stepper.omega) - dcm, state.heading[0], state.heading[1])[0]
     state.factor = 1.0 / (1.0 + clip((ahead / stepper.size - HASTE_FROM) / HASTE, 0.0, 1.0))
+    return dcm
 
 
 @compiled
