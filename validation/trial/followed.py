@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
+from ampm.planner.contacts import Contacts
 from ampm.planner.newton import ALLOWED, check_newton, zmp_of_com
 from ampm.stepping.tracker import repeated, walks_on
 from ampm.walk import WalkPlan
@@ -184,81 +185,92 @@ class Followed:
     def _stepping(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """The stabiliser's plan at ``times``, as it was at the last tick up to ``made``, both (M,) [s].
 
-        It is the plan of the phase, at the phase's own clock and moved with the feet that stand, and the
-        swing foot on its way to the step that was chosen last; after that the next phases, moved with the
-        feet that then stand. Nothing in it follows the COM: the reference that the controller tracks
-        (:func:`ampm.stepping.walker.advance`) lets the COM's error fade and gives another acceleration. A
-        plan that walks on repeats its last two steps after its end. No support is planned.
+        It is the plan of the phase, at the phase's own clock and moved with the feet that stand. Nothing in
+        it follows the COM: the reference that the controller tracks (:func:`ampm.stepping.walker.advance`)
+        lets the COM's error fade and gives another acceleration. No support is planned.
         """
-        contacts, every = frozen.plan.contacts, np.arange(len(times))
-        state = self.stepped[_last(self.stepped["time"], made)]
-        index, left = state["phase"].copy(), times - state["time"]
-        single, stance, clock, rate, duration, step, shift = (
-            state[name].copy() for name in ("single", "stance", "clock", "rate", "duration", "step", "shift")
-        )
-        swing, begun = state["swing"][:, 0].copy(), clock.copy()  # where the swing foot is, and when
-        phases, spans = len(contacts.phases), np.diff(contacts.starts, append=contacts.duration)
+        plan, contacts, every = frozen.plan, frozen.plan.contacts, np.arange(len(times))
         goes_on = walks_on(contacts, frozen.rows.com_velocity[-1])
-        over = every[:0]  # those whose next phase has begun
-        while True:
-            source, way = repeated(contacts, index, goes_on)
-            single[over] = contacts.kind_codes[source[over]] == 0
-            stance[over] = np.where(single[over], contacts.stance_codes[source[over]], stance[over])
-            rate[over], clock[over], begun[over], step[over] = 1.0, 0.0, 0.0, 0.0
-            duration[over] = spans[source[over]]
-            swing[over] = shift[over, 1 - stance[over]]
-            rest = (duration - clock) / rate
-            over = every[(left > rest) & ((index + 1 < phases) | goes_on)]
-            if not over.size:
-                break
-            landed = over[single[over]]
-            shift[landed, 1 - stance[landed]] = _target(shift, stance, step)[landed]
-            left[over] -= rest[over]
-            index[over] += 1
-        clock = np.minimum(clock + rate * left, duration)
-        columns = dict(vars(frozen.rows.at(contacts.starts[source] + np.minimum(clock, spans[source]))))
-        old, new = shift[every, stance], shift[every, 1 - stance]
-        done = np.where(single, 0.0, clock / duration)[:, None]
-        base = way + old + done * (new - old)
-        speed = np.where(single, 0.0, rate / duration)[:, None] * (new - old)
-        target = _target(shift, stance, step)
-        target[:, 2] += step[:, :2] @ contacts.slope
-        swung = ((clock - begun) / np.maximum(duration - begun, 1e-9))[:, None]
-        feet, ahead = shift.copy(), shift[:, :, :2].copy()  # of the feet, and of their next footsteps
-        feet[every, 1 - stance] = np.where(single[:, None], swing + swung * (target - swing), new)
-        ahead[every, 1 - stance] = np.where(single[:, None], target, new)[:, :2]
-        plan, on_floor = frozen.plan, columns["feet"].reshape(-1, 2, 3) + feet + way[:, None]
-        heading = columns["headings"][every, stance]
-        com = columns["com"] + base + np.pad(state["height"][:, :1], ((0, 0), (2, 0)))
-        velocity = rate[:, None] * columns["com_velocity"] + speed
-        com[:, 2] += way[:, 2] - base[:, 2]
-        velocity[:, 2] += state["height"][:, 1] - speed[:, 2]
-        omega = np.sqrt(plan.gravity / plan.com_height)
+        state = self.stepped[_last(self.stepped["time"], made)].view(np.recarray)
+        _go_ahead(state, times, contacts, goes_on)
+        phase, way = repeated(contacts, state.phase, goes_on)
+        clock = np.minimum(state.clock, np.diff(contacts.switches)[phase])
+        columns = dict(vars(frozen.rows.at(contacts.starts[phase] + clock)))
+        stance, swings, rate = state.stance, np.flatnonzero(state.single), state.rate[:, None]
+        foot = 1 - stance[swings]
+        feet, ahead = state.shift + way[:, None], state.shift + way[:, None]  # now, and of the next footsteps
+        feet[swings, foot] = state.swing[swings, 0] + way[swings]
+        ahead[swings, foot] = _target(state, contacts.slope)[swings] + way[swings]
+        feet += columns["feet"].reshape(-1, 2, 3)
+        # Horizontally the COM moves with the feet that stand; its height has a state of its own.
+        transfer = (state.shift[every, 1 - stance] - state.shift[every, stance])[:, :2]
+        transfer[swings] = 0.0
+        base = (way + state.shift[every, stance])[:, :2] + (state.clock / state.duration)[:, None] * transfer
+        com, velocity = columns["com"].copy(), rate * columns["com_velocity"]
+        com[:, :2] += base
+        com[:, 2] += way[:, 2] + state.height[:, 0]
+        velocity[:, :2] += rate / state.duration[:, None] * transfer
+        velocity[:, 2] += state.height[:, 1]
+        heading, omega = columns["headings"][every, stance], np.sqrt(plan.gravity / plan.com_height)
         moved = {
             "time": times.copy(),
-            "phase": (~single).astype(np.int8),
-            "stance": np.where(single, stance, 2).astype(np.int8),
+            "phase": (~state.single).astype(np.int8),
+            "stance": np.where(state.single, stance, 2).astype(np.int8),
             "com": com,
             "com_velocity": velocity,
             "dcm": (com + velocity / omega)[:, :2],
-            "zmp": columns["zmp"] + base[:, :2],
-            "floor": np.where(single, on_floor[every, stance, 2], on_floor[:, :, 2].mean(axis=1)),
+            "zmp": columns["zmp"] + base,
+            "floor": np.where(state.single, feet[every, stance, 2], feet[:, :, 2].mean(axis=1)),
             "force": plan.mass * (columns["com_acceleration"] + [0.0, 0.0, plan.gravity]),
-            "moment": rate[:, None] * columns["moment"],
-            "left_placement": columns["left_placement"] + way[:, :2] + ahead[:, 0],
-            "right_placement": columns["right_placement"] + way[:, :2] + ahead[:, 1],
+            "moment": rate * columns["moment"],
+            "left_placement": columns["left_placement"] + ahead[:, 0, :2],
+            "right_placement": columns["right_placement"] + ahead[:, 1, :2],
             "heading": heading,
-            "feet": on_floor.reshape(-1, 6),
+            "feet": feet.reshape(-1, 6),
             "headings": np.column_stack([heading, heading]),
             "zmp_margin": np.full(len(times), np.nan),
         }
         return PlanRows(**columns | moved)
 
 
-def _target(shift: Array, stance: NDArray[np.intp], step: Array) -> Array:
+def _go_ahead(state: Any, times: Array, contacts: Contacts, goes_on: bool) -> None:
+    """Let states of the stabiliser go on to ``times`` (M,) [s], each foot landing where it is sent.
+
+    After the present phase come the next ones of the plan; one that goes on after its end, see
+    :func:`~ampm.stepping.tracker.walks_on`, repeats its last two steps.
+
+    Args:
+        state: entries of :class:`~ampm.control.workspace.SteppingState`, shape (M,), replaced.
+        times: not before those of the states.
+        contacts: of the plan.
+        goes_on: whether the plan does.
+    """
+    left, begun, spans = times - state.time, state.clock.copy(), np.diff(contacts.switches)
+    while True:
+        rest = (state.duration - state.clock) / state.rate
+        over = np.flatnonzero((left > rest) & ((state.phase + 1 < len(spans)) | goes_on))
+        if not over.size:
+            break
+        left[over] -= rest[over]
+        landed = over[state.single[over]]
+        state.shift[landed, 1 - state.stance[landed]] = _target(state[landed], contacts.slope)
+        state.phase[over] += 1
+        phase, _ = repeated(contacts, state.phase[over], goes_on)
+        state.single[over] = contacts.kind_codes[phase] == 0
+        state.stance[over] = np.where(state.single[over], contacts.stance_codes[phase], state.stance[over])
+        state.rate[over], state.clock[over], state.step[over], begun[over] = 1.0, 0.0, 0.0, 0.0
+        state.duration[over] = spans[phase]
+        state.swing[over, 0] = state.shift[over, 1 - state.stance[over]]
+    state.clock[:] = np.minimum(state.clock + state.rate * left, state.duration)
+    swung = (state.clock - begun) / np.maximum(state.duration - begun, 1e-9)
+    state.swing[:, 0] += swung[:, None] * (_target(state, contacts.slope) - state.swing[:, 0])
+
+
+def _target(state: Any, slope: tuple[float, float]) -> Array:
     """Shift with which the swing foot is to land: the standing foot's plus the step, shape (M, 3) [m]."""
-    target = shift[np.arange(len(shift)), stance]
-    target[:, :2] += step
+    target = state.shift[np.arange(len(state)), state.stance]
+    target[:, :2] += state.step
+    target[:, 2] += state.step @ slope
     return target
 
 
