@@ -153,14 +153,14 @@ SHOVES = {"forward": (300, 0, 0), "backward": (-300, 0, 0), "wider": (0, -150, 0
 
 
 @cache
-def planned(stabilizer):
-    settings = ["gait.steps=9", "simulation.time_step=0.002", f"controller.stabilizer={stabilizer}"]
-    return plan_walk(load_request("normal", settings))
+def planned(stabilizer, slope=0.0):
+    settings = f"gait.cross_slope={slope} simulation.time_step=0.002 controller.stabilizer={stabilizer}"
+    return plan_walk(load_request("normal", ["gait.steps=9", *settings.split()]))
 
 
 @cache
-def walked(stabilizer, force):
-    return simulate(planned(stabilizer), disturbances=[Push("chest", force, AT, 0.1)])
+def walked(stabilizer, force, slope=0.0):
+    return simulate(planned(stabilizer, slope), disturbances=[Push("chest", force, AT, 0.1)])
 
 
 @pytest.mark.parametrize(
@@ -177,15 +177,13 @@ def test_a_push_that_is_too_much_for_planned_steps_is_survived_by_other_steps(di
 
 def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     """Against the first plan a walk that steps 0.2 m elsewhere is wrong for good."""
-    walk, record = planned("stepping"), walked("stepping", SHOVES["wider"])
+    walk, record = planned("stepping", 0.05), walked("stepping", SHOVES["wider"], 0.05)
     measured = measure(record, walk.body.robot.model)
     judged = compare(walk.plan, record, measured)
     metrics = evaluate(judged)
-    assert judged.first is not None
     first = rms((measured.zmp - judged.first.zmp)[judged.inside, 1])
     assert metrics["zmp_y_rmse"] < 0.5 * first
     assert 0.05 < metrics["plan_moved_zmp_maximum"] < 1.0
-    assert metrics["plan_changes"] >= 1.0
     assert (record.tick_plan == STEPPING).any()
     assert not record.tick_plan[record.tick_time < AT].any()
     own = judged.sample.time[np.repeat(record.tick_plan, record.substeps)[: record.steps] == STEPPING]
@@ -195,8 +193,10 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     # What it said before of the same instants is near.
     off = [rms(judged.followed.at(own, lead).zmp[:, 1] - sample.zmp[:, 1]) for lead in LEADS]
     assert off[0] == 0.0 < off[1] < max(off) < 0.1
-    # It stands on its feet, and does not follow the COM.
-    assert np.abs(judged.followed.at(own).feet[:, [2, 5]]).min() > -0.02
+    # It stands on the slope of the floor, and does not follow the COM.
+    ahead = judged.followed.at(own, max(LEADS))
+    stands = ahead.feet.reshape(-1, 2, 3)[ahead.phase == 0, ahead.stance[ahead.phase == 0]]
+    assert np.abs(stands[:, 2] - 0.05 * stands[:, 1]).mean() < 5e-4
     assert np.abs(sample.com - measured.com[np.isin(judged.time, own)]).max() > 0.02
 
 
