@@ -181,6 +181,7 @@ def test_steps_elsewhere_are_judged_by_what_was_planned_then():
     measured = measure(record, walk.body.robot.model)
     judged = compare(walk.plan, record, measured)
     metrics = evaluate(judged)
+    assert judged.first is not None
     first = rms((measured.zmp - judged.first.zmp)[judged.inside, 1])
     assert metrics["zmp_y_rmse"] < 0.5 * first
     assert 0.05 < metrics["plan_moved_zmp_maximum"] < 1.0

@@ -83,13 +83,9 @@ class InverseKinematics:
             self.rest[robot.velocity_indices((joint,)) - 6] = angle
         free = np.ones(robot.nu, dtype=bool)
         free[np.concatenate(robot.leg_joints) - 6] = False
-        body, rows = robot.rigid_body, np.delete(np.arange(robot.task_rows), robot.roll_rows)
+        rows = np.delete(np.arange(robot.task_rows), robot.roll_rows)
         self.body = Kinematics(
-            tree=body.tree,
-            link=body.link,
-            soles=body.soles,
-            trunk=body.trunk,
-            columns=body.columns,
+            rigid=robot.rigid_body,
             rows=rows if run.body.angular_momentum_z == "zero" else np.delete(rows, _L_Z),
             position_rows=np.delete(rows, [3, 4, 5]),  # a configuration has no angular momentum
             roll_rows=robot.roll_rows,

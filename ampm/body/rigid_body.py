@@ -17,7 +17,7 @@ quaternion (x, y, z, w) and hinges; v the root's velocity and rate in its own ax
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -88,6 +88,49 @@ class Frame:
     joint: int  # whose link it is fixed to
     offset: Array3  # its origin in the link's axes [m]
     turn: Array33  # its axes to the link's
+
+
+class RigidBody(NamedTuple):
+    """A body's tree and frames, and the arrays that one state fills."""
+
+    tree: Records  # table of Joint
+    link: Records  # table of Link, of the state that was placed last
+    soles: Records  # frames of the feet
+    trunk: Records  # frame of the trunk
+    columns: (
+        Array  # transposed task Jacobian of that state, (nv, R); rows: momentum (6), soles (6 each), toes
+    )
+    armature: Array  # rotor inertia, shape (nv,) [kg m^2]
+
+    @classmethod
+    def of(cls, model: pin.Model, soles: Sequence[int], trunk: int, toes: NDArray[np.intp]) -> "RigidBody":
+        """Body of a Pinocchio model, by the numbers of frames, and the velocity indices of toe joints."""
+        tree, rows = tree_of(model), 6 + 6 * len(soles) + len(toes)
+        columns = np.zeros((model.nv, rows))
+        columns[toes, rows - len(toes) + np.arange(len(toes))] = 1.0
+        frames = frames_of(model, soles), frames_of(model, [trunk])
+        return cls(tree, records(len(tree), Link), *frames, columns, np.array(model.armature))
+
+    @property
+    def com(self) -> Array:
+        """COM from the root, shape (3,) [m]."""
+        return self.link["first"][0] / self.link["mass"][0]
+
+    def place(self, q: Array) -> None:
+        """See :func:`place_body`."""
+        place_body(self, q)
+
+    def places(self, frames: Records) -> tuple[Array, Array]:
+        """Places of frames from the root and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
+        places, turns = np.empty((len(frames), 3)), np.empty((len(frames), 3, 3))
+        place_frames(self.link, frames, places, turns)
+        return places, turns
+
+    def drift(self, v: Array, now: Array) -> Array:
+        """See :func:`task_drift`; a new array."""
+        drift = np.zeros(self.columns.shape[1])
+        task_drift(self, v, now, drift)
+        return drift
 
 
 def tree_of(model: pin.Model) -> Records:
@@ -304,26 +347,16 @@ def frame_columns(tree: Records, link: Records, joint: int, point: Vector, colum
 
 
 @compiled
-def task_columns(tree: Records, link: Records, soles: Records, columns: Array) -> None:
-    """Transposed task Jacobian: momentum, and velocity and rate of every sole, shape (nv, 6 + 6 F + ...)."""
-    momentum_columns(link, columns)
-    for i in range(len(soles)):
-        rows = columns[:, 6 + 6 * i : 12 + 6 * i]
-        frame_columns(tree, link, soles[i].joint, place_of(link, soles[i]), rows)
-
-
-@compiled
-def task_drift(tree: Records, link: Records, soles: Records, v: Array, now: Array, drift: Array) -> None:
+def task_drift(body: RigidBody, v: Array, now: Array, drift: Array) -> None:
     """Accelerations of the tasks at zero accelerations of the coordinates.
 
     Args:
-        tree: of the body.
-        link: placed, with its inertia; its motion is overwritten.
-        soles: frames of the feet.
+        body: placed; the motion of its links is overwritten.
         v: velocity for the momentum, shape (nv,).
         now: velocity for the soles, shape (nv,).
-        drift: shape (6 + 6 F + ...).
+        drift: written, shape (R,).
     """
+    tree, link, soles = body.tree, body.link, body.soles
     still = np.zeros(len(v))
     move_links(tree, now, still, 0.0, link)
     for i in range(len(soles)):
@@ -342,19 +375,19 @@ def task_drift(tree: Records, link: Records, soles: Records, v: Array, now: Arra
 
 
 @compiled
-def joint_torques(body: Any, v: Array, qdd: Array, forces: Array, torque: Array) -> None:
+def joint_torques(placed: Any, v: Array, qdd: Array, forces: Array, torque: Array) -> None:
     """Torques of the hinges for accelerations and forces on points of the links.
 
     Args:
-        body: placed, with its inertia, see :class:`ampm.control.workspace.PlacedBody`; motion and forces of
-            its links are overwritten.
+        placed: a :class:`~ampm.control.workspace.PlacedBody`; motion and forces of its links are written.
         v: shape (nv,).
         qdd: shape (nv,).
         forces: on its points, in axes of the world, shape (P, 3) [N].
         torque: written, shape (nv - 6,) [N m].
     """
-    tree, link, points = body.tree, body.link, body.points
-    move_links(tree, v, qdd, body.gravity, link)
+    body, points = placed.rigid, placed.points
+    tree, link = body.tree, body.link
+    move_links(tree, v, qdd, placed.gravity, link)
     start_forces(tree, link)
     for i in range(len(points)):
         here, force, point = link[points[i].joint], vector(forces[i]), place_of(link, points[i])
@@ -386,11 +419,15 @@ def passive_torques(passive: Array, q: Array, v: Array, direction: Array, torque
 
 
 @compiled
-def place_body(tree: Records, link: Records, soles: Records, q: Array, columns: Array) -> None:
+def place_body(body: RigidBody, q: Array) -> None:
     """Fill in a configuration: places, inertia and the transposed task Jacobian."""
+    tree, link, soles = body.tree, body.link, body.soles
     place_links(tree, q, link)
     sum_inertia(tree, link)
-    task_columns(tree, link, soles, columns)
+    momentum_columns(link, body.columns)
+    for i in range(len(soles)):
+        rows = body.columns[:, 6 + 6 * i : 12 + 6 * i]
+        frame_columns(tree, link, soles[i].joint, place_of(link, soles[i]), rows)
 
 
 @compiled
@@ -426,43 +463,3 @@ def moved(q: Array, change: Array) -> Array:
     for i in range(7, len(q)):
         out[i] = q[i] + change[i - 1]
     return out
-
-
-class RigidBody:
-    """A body's tree and frames, and the arrays that one state fills.
-
-    Args:
-        model: Pinocchio's.
-        soles: numbers of the frames of the feet.
-        trunk: number of the frame of the trunk.
-        toes: velocity indices of the toe joints.
-    """
-
-    def __init__(self, model: pin.Model, soles: Sequence[int], trunk: int, toes: NDArray[np.intp]) -> None:
-        self.tree, self.armature = tree_of(model), np.array(model.armature)
-        self.link = records(len(self.tree), Link)
-        self.soles, self.trunk = frames_of(model, soles), frames_of(model, [trunk])
-        rows = 6 + 6 * len(soles) + len(toes)
-        self.columns = np.zeros((model.nv, rows))
-        self.columns[toes, rows - len(toes) + np.arange(len(toes))] = 1.0
-
-    @property
-    def com(self) -> Array:
-        """COM from the root, shape (3,) [m]."""
-        return self.link["first"][0] / self.link["mass"][0]
-
-    def place(self, q: Array) -> None:
-        """Fill in a configuration, shape (nq,): places, inertia and the task Jacobian."""
-        place_body(self.tree, self.link, self.soles, q, self.columns)
-
-    def places(self, frames: Records) -> tuple[Array, Array]:
-        """Places of frames from the root and their axes to world, shapes (F, 3) [m] and (F, 3, 3)."""
-        places, turns = np.empty((len(frames), 3)), np.empty((len(frames), 3, 3))
-        place_frames(self.link, frames, places, turns)
-        return places, turns
-
-    def drift(self, v: Array, now: Array) -> Array:
-        """See :func:`task_drift`; a new array."""
-        drift = np.zeros(self.columns.shape[1])
-        task_drift(self.tree, self.link, self.soles, v, now, drift)
-        return drift

@@ -197,7 +197,7 @@ class Robot:
         # Loads numba, which a plan with a known motion does without.
         from ampm.body.rigid_body import RigidBody
 
-        return RigidBody(self.model, self.sole_frames, self.trunk_frame, self.toe_joints)
+        return RigidBody.of(self.model, self.sole_frames, self.trunk_frame, self.toe_joints)
 
     def jacobian(self, q: Array) -> TaskTerms:
         """Task Jacobian and poses at a configuration, shape (nq,)."""

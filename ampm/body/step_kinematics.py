@@ -4,12 +4,12 @@ See :mod:`ampm.body.inverse_kinematics`, whose class calls them.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import com_of, moved, place_body, place_of, task_drift
+from ampm.body.rigid_body import RigidBody, com_of, moved, place_body, place_of, task_drift
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
@@ -32,11 +32,7 @@ _L_Z = 5  # row of the angular momentum about z
 class Kinematics(NamedTuple):
     """A body, the rows of its tasks that are met, and the posture that it is pulled to."""
 
-    tree: Any  # of the body
-    link: Any  # of the state that was placed last
-    soles: Any  # frames of the feet
-    trunk: Any  # frame of the trunk
-    columns: Array  # transposed task Jacobian of that state, shape (nv, R)
+    rigid: RigidBody
     rows: Rows  # of the tasks, shape (m,)
     position_rows: Rows  # of the tasks that a configuration has, shape (P,)
     roll_rows: Rows  # of the rolls of both soles if the legs cannot hold them, see `standing_roll`
@@ -66,16 +62,16 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
 
     The errors of COM, soles (place, then rotation vector) and toe joints are written to ``body.miss``.
     """
-    place_body(body.tree, body.link, body.soles, q, body.columns)
-    link, error = body.link, body.miss
+    place_body(body.rigid, q)
+    link, soles, error = body.rigid.link, body.rigid.soles, body.miss
     root, pose = (q[0], q[1], q[2]), np.empty((3, 3))
     put(error[0:3], minus(vector(tasks.position[k, 0]), plus(root, com_of(link))))
-    for i in range(len(body.soles)):
-        sole, row = body.soles[i], 6 + 6 * i
+    for i in range(len(soles)):
+        sole, row = soles[i], 6 + 6 * i
         multiply(link[sole.joint].turn, sole.turn, pose)
         put(error[row : row + 3], minus(vector(tasks.position[k, 1 + i]), plus(root, place_of(link, sole))))
         put(error[row + 3 : row + 6], rotation_vector(tasks.rotation[k, i], pose))
-    first = 6 + 6 * len(body.soles)
+    first = 6 + 6 * len(soles)
     for i in range(len(body.toes)):
         error[first + i] = tasks.toe[k, i] - q[body.toes[i]]
     return np.abs(error[body.position_rows]).max()
@@ -84,11 +80,11 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
 @compiled
 def tasks_of(body: Kinematics, rows: Rows) -> tuple[Array, Array, Array]:
     """``J'``, ``W^-1 J'`` and ``J W^-1 J'`` of some rows of the tasks, where a body is placed."""
-    jacobian = np.empty((len(body.weight), len(rows)))
+    columns, jacobian = body.rigid.columns, np.empty((len(body.weight), len(rows)))
     weighted = np.empty_like(jacobian)
     for j in range(len(jacobian)):  # in loops, which take half the time of numpy's expressions
         for i in range(len(rows)):
-            jacobian[j, i] = body.columns[j, rows[i]]
+            jacobian[j, i] = columns[j, rows[i]]
             weighted[j, i] = jacobian[j, i] / body.weight[j]
     return jacobian, weighted, weighted_gram(jacobian, weighted)
 
@@ -221,7 +217,7 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         Number of nodes that were reached; a leg does not reach at the next one.
     """
     last = len(tasks.time) - 1
-    rate = math.pi / tasks.time[last]
+    rate, rigid = math.pi / tasks.time[last], body.rigid
     for k in range(last + 1):
         if k > 0:
             advance(step, tasks.time, k - 1)
@@ -233,15 +229,15 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         roll = standing_roll(body, tasks, k)
         if roll >= 0:  # brought to zero
             rows = np.append(rows, roll)
-            velocity[roll] = (body.columns[:, roll] * v).sum()
+            velocity[roll] = (rigid.columns[:, roll] * v).sum()
             acceleration[roll] = _LEVEL**2 * body.miss[roll] - 2.0 * _LEVEL * velocity[roll]
         met = tasks_of(body, rows)
         v[:] = nearest(met, v, velocity[rows])
         # Eqs. 8-12: minimise 1/2 || a - p ||^2_W subject to J a = wanted - dJ/dt v, p the posture's.
-        task_drift(body.tree, body.link, body.soles, v, v, drift)
+        task_drift(rigid, v, v, drift)
         wanted = (acceleration - drift)[rows]
         step.acceleration[k] = nearest(met, posture(body, q, v, rate * tasks.time[k], rate), wanted)
-        step.angular_momentum_z[k] = body.link[0].mass * (body.columns[:, _L_Z] * v).sum()
-        axis = turned(body.link[body.trunk[0].joint].turn, column(body.trunk[0].turn, 2))
+        step.angular_momentum_z[k] = rigid.link[0].mass * (rigid.columns[:, _L_Z] * v).sum()
+        axis = turned(rigid.link[rigid.trunk[0].joint].turn, column(rigid.trunk[0].turn, 2))
         step.trunk_pitch[k] = math.atan2(axis[0], axis[2])
     return last + 1

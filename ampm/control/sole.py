@@ -164,4 +164,6 @@ def over_plane(a: Any, slope: Array) -> float:
 @compiled
 def turned_axes(a: Array, cos: float, sin: float) -> Array:
     """:func:`~ampm.vectors.along_across` of an array of shape (2,), as a new one."""
-    return np.array(along_across(a[0], a[1], cos, sin))
+    out = np.empty(2)  # filled, as an array of a tuple takes much longer
+    out[0], out[1] = along_across(a[0], a[1], cos, sin)
+    return out

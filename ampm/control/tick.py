@@ -92,27 +92,28 @@ def update_kinematics(work: Workspace, velocity_lag: float) -> None:
     now, v, acceleration = motion.now, sensed.v, motion.last_acceleration
     for j in range(len(now)):
         now[j] = v[j] + velocity_lag * acceleration[j]
-    place_body(body.tree, body.link, body.feet, sensed.q, tasks.jacobian)
-    task_drift(body.tree, body.link, body.feet, sensed.v, motion.now, tasks.drift)
+    link = body.rigid.link
+    place_body(body.rigid, sensed.q)
+    task_drift(body.rigid, sensed.v, motion.now, tasks.drift)
     tasks.rates[:] = 0.0
-    add_combination(1.0, tasks.jacobian, motion.now, tasks.rates)
-    from_root = com_of(body.link)
+    add_combination(1.0, body.rigid.columns, motion.now, tasks.rates)
+    from_root = com_of(link)
     put(body.com, plus(vector(sensed.q), from_root))
     for i in range(len(body.feet)):
         foot = body.feet[i]
-        put(foot.place, minus(place_of(body.link, foot), from_root))
-        multiply(body.link[foot.joint].turn, foot.turn, foot.pose)
+        put(foot.place, minus(place_of(link, foot), from_root))
+        multiply(link[foot.joint].turn, foot.turn, foot.pose)
     for i in range(len(body.points)):
-        put(body.points[i].arm, minus(place_of(body.link, body.points[i]), from_root))
+        put(body.points[i].arm, minus(place_of(link, body.points[i]), from_root))
 
 
 @compiled
 def update_command(work: Workspace, stepper: Stepper | None) -> None:
     """Write the net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
     body, wanted = work.body, work.wanted
-    trunk = body.trunk[0]
+    trunk = body.rigid.trunk[0]
     pose = np.empty((3, 3))
-    multiply(body.link[trunk.joint].turn, trunk.turn, pose)
+    multiply(body.rigid.link[trunk.joint].turn, trunk.turn, pose)
     error = rotation_error(wanted.trunk, pose)
     tilt = fed_back_tilt(work, error)
     if work.stepping[0].off_plan:
@@ -148,10 +149,11 @@ def scale_tasks(work: Workspace) -> None:
     """Scale to the QP's units: accelerations in g, and ``x = W_p^1/2 a / g`` by the posture weights W_p."""
     motion, tasks, gravity = work.motion, work.tasks, work.body.gravity
     motion.posture[:] = motion.posture * (motion.root_weight / gravity)
-    scaled, jacobian, by_row, by_column = tasks.scaled, tasks.jacobian, 1.0 / motion.root_weight, tasks.scale
+    scaled, columns = tasks.scaled, work.body.rigid.columns
+    by_row, by_column = 1.0 / motion.root_weight, tasks.scale
     for j in range(len(by_row)):
         for e in range(len(by_column)):
-            scaled[j, e] = jacobian[j, e] * (by_column[e] * by_row[j])
+            scaled[j, e] = columns[j, e] * (by_column[e] * by_row[j])
     tasks.rhs[:] = tasks.scale / gravity * (tasks.wanted - tasks.drift)
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import Array3, Array33, Frame, frames_of
+from ampm.body.rigid_body import Array3, Array33, Frame, RigidBody, frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import records, zeros_of
 from ampm.controller_parameters import ControllerParameters
@@ -152,14 +152,11 @@ Wanted: Any = namedtuple("Wanted", ["smooth", *FIELDS])  # type: ignore[misc]
 
 
 class PlacedBody(NamedTuple):
-    """The rigid body, placed at the measured configuration; tables as in :mod:`ampm.body.rigid_body`."""
+    """The rigid body, placed at the measured configuration."""
 
-    tree: Any
-    link: Any
+    rigid: RigidBody  # whose soles are the feet
     feet: Any  # table of Foot
-    trunk: Any
     points: Any  # table of Point
-    armature: Array  # rotor inertia, shape (nv,) [kg m^2]
     passive: Array  # see ampm.body.rigid_body.passive_torques, shape (nu, 4)
     com: Array  # in world, shape (3,) [m]
     mass: float  # [kg]
@@ -180,8 +177,7 @@ class Motion(NamedTuple):
 class Tasks(NamedTuple):
     """Task rows: momentum over the mass, soles (linear, angular), toes; in world."""
 
-    jacobian: Array  # transposed, shape (nv, R)
-    rates: Annotated[Array, ("R",)]  # jacobian' v
+    rates: Annotated[Array, ("R",)]  # jacobian v
     drift: Annotated[Array, ("R",)]  # accelerations at zero qdd
     wanted: Annotated[Array, ("R",)]  # accelerations; the momentum's without contact forces
     softness: Annotated[Array, ("R",)]  # 0 for rows that are met exactly
@@ -263,11 +259,10 @@ def make_workspace(
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: QP in U contact forces, then six slacks.
     """
-    body = robot.rigid_body
-    q = np.zeros(robot.nq)
+    feet, points, rows = feet_of(robot), points_of(robot), robot.task_rows
+    body, q = robot.rigid_body._replace(soles=feet), np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
-    rows, points = body.columns.shape[1], points_of(robot)
     scale = np.ones(rows)
     scale[3:6] = ANGULAR
     sizes = {"nq": robot.nq, "nv": robot.nv, "nu": robot.nu, "P": len(points), "R": rows, "R + 7": rows + 7}
@@ -279,19 +274,16 @@ def make_workspace(
         sensed=zeros_of(Sensed, sizes),
         wanted=wanted_of(row),
         body=PlacedBody(
-            tree=body.tree,
-            link=body.link,
-            feet=feet_of(robot),
-            trunk=body.trunk,
+            rigid=body,
+            feet=feet,
             points=points,
-            armature=body.armature,
             passive=robot.passive,
             com=np.zeros(3),
             mass=float(body.link["mass"][0]),
             gravity=robot.gravity,
         ),
         motion=zeros_of(Motion, sizes, root_weight=np.sqrt(weights)),
-        tasks=zeros_of(Tasks, sizes, jacobian=body.columns, scale=scale),
+        tasks=zeros_of(Tasks, sizes, scale=scale),
         command=zeros_of(Wrench, sizes),
         tilt=zeros_of(Tilt, sizes),
         contact=zeros_of(Contact, sizes, lines=records(lines, Line), last=records(lines, Line)),

@@ -143,9 +143,9 @@ def mean_zmp(state: SteppingState, stepper: Stepper, tau: float) -> Array:
     for k in range(5):
         i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
         weight = math.exp(-0.25 * k * tau) * (0.5 if k in (0, 4) else 1.0)
-        mean += weight * zmp[i]
-        total += weight
-    return mean / total
+        mean[0], mean[1], total = mean[0] + weight * zmp[i, 0], mean[1] + weight * zmp[i, 1], total + weight
+    mean /= total
+    return mean
 
 
 @compiled
@@ -165,13 +165,14 @@ def expected_dcm(work: Workspace, omega: float) -> Array:
 
 
 @compiled
-def needed_step(work: Workspace, stepper: Stepper, sole: Array, tau: float, back: Array) -> Array:
+def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau: float, back: Array) -> Array:
     """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
 
     Args:
         work: as in :func:`plan_step`.
         stepper: with the phase.
         sole: see :func:`~ampm.control.sole.sole_of`.
+        dcm: see :func:`expected_dcm`.
         tau: rest of the single support.
         back: displacement in any case, shape (2,) [m].
     """
@@ -183,7 +184,7 @@ def needed_step(work: Workspace, stepper: Stepper, sole: Array, tau: float, back
         planned = dcm_ahead(state, stepper, tau)
     else:
         planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
-    error = turned_axes(expected_dcm(work, omega) - planned - shift, cos, sin) - ramp * decay * back
+    error = turned_axes(dcm - planned - shift, cos, sin) - ramp * decay * back
     zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
     for axis in range(2):
         low, high = SOLE_SHARE * (sole[axis, 0] - zmp[axis]), SOLE_SHARE * (sole[axis, 1] - zmp[axis])
@@ -204,7 +205,10 @@ def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) ->
     in_line = abs(state.length + along) >= length + GAP * size
     narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
     side = 1.0 if state.stance == 1 else -1.0  # of the swing foot
-    return np.array([along, side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)])
+    allowed = np.empty(2)
+    allowed[0] = along
+    allowed[1] = side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)
+    return allowed
 
 
 @compiled
@@ -224,6 +228,7 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
     size, rest, shortest = stepper.size, state.duration - state.clock, SHORTEST * math.sqrt(stepper.size)
     cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
     sole = sole_of(state.stance, work.body.points, work.body.com, cos, sin)
+    dcm = expected_dcm(work, stepper.omega)
     shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
     least_cost, last_choice = math.inf, state.choice
     for k in range(-1, len(TIMES) if state.off_plan else 0):  # -1 returns to the plan
@@ -234,7 +239,8 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
             factor, back = TIMES[k], np.zeros(2)
             if factor * state.duration < shortest:
                 continue
-        needed = needed_step(work, stepper, sole, stepper.omega * max(rest * factor, 1e-4), back)
+        tau = stepper.omega * max(rest * factor, 1e-4)
+        needed = needed_step(work, stepper, sole, dcm, tau, back)
         step = allowed_step(work, stepper, sole, needed)
         cost = max(abs(step[0]) - size * EASY_LENGTH, 0.0) + max(abs(step[1]) - size * EASY_WIDTH, 0.0)
         cost += LIMIT_COST * (abs(needed[0] - step[0]) + abs(needed[1] - step[1]))
