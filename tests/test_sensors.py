@@ -11,7 +11,7 @@ import pytest
 
 import validation as val
 from ampm import State, Touch, TrackingController, load_run
-from ampm.sensors.filters import ACCELEROMETER, GYRO, POINTS, TURN, VELOCITY, predict
+from ampm.sensors.filters import ACCELEROMETER, GYRO, POINTS, TILT, VELOCITY, predict
 from ampm.sensors.kalman import Kalman
 from ampm.sensors.soles import SoleForces
 from tests.records import first_difference
@@ -321,7 +321,7 @@ def test_the_filter_is_consistent(monkeypatch):
 
     def kept(f, readings, _):
         covariance = f.covariance[VELOCITY:GYRO, VELOCITY:GYRO].copy()
-        return readings, f.x[VELOCITY:TURN].copy(), f.turn.copy(), covariance
+        return readings, f.x[VELOCITY:TILT].copy(), f.turn.copy(), covariance
 
     found, nees = updates(monkeypatch, kept), []
     for seed in range(2):

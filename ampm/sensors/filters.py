@@ -27,7 +27,7 @@ from ampm.geometry import Array, Flags
 from ampm.sensors.soles import spread_wrenches
 from ampm.vectors import ZERO, Vector, cross, dot, from_quaternion, minus, plus, put, times, turned, vector
 
-VELOCITY, TURN, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
+VELOCITY, TILT, GYRO, ACCELEROMETER, POINTS = 3, 6, 9, 12, 15  # where they begin in x; the place is first
 LOAD = 0.06  # force from which a point rests, as share of the weight; half of it to go on resting
 FIRM = 0.25  # share of the weight below which a point slides the more, the less it bears [1]
 RATE_ERROR = 0.4  # of the root's commanded angular acceleration, at least [rad/s^2]
@@ -61,10 +61,10 @@ class Filter(NamedTuple):
     covariance: Array  # of x, (X, X)
     offset: Annotated[Array, ("nu",)]  # of the encoders [rad]
     worn: Any  # hinges whose offsets are in x, (H,)
-    moves: Any  # whether they move a sole point, (P, H)
-    carries: Any  # whether they carry a foot, (2, H)
+    moves: Any  # whether they move a sole point, (P, H); the first one of a foot is fixed to its sole
+    offsets: int  # where these offsets begin in x
     imu: int  # where its angles begin in x; 0 if it is not turned
-    spin: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
+    momentum: int  # where the angular momentum about the COM begins in x; 0 if it is not estimated
     loaded: Annotated[Flags, ("P",)]  # sole points that rest
     touched: Any  # sole points that touched at the last tick, (P,)
     turn: Annotated[Array, (3, 3)]  # axes of the root to world
@@ -119,7 +119,7 @@ def update(f: Filter, commanded: Array, now: float, age: float, has_fix: bool, q
     f.gyro_before[:] = f.gyro
     correct(f, period, has_fix)
     q[:] = f.q
-    put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TURN])))
+    put(v[0:3], turned(f.turn.T, vector(f.x[VELOCITY:TILT])))
     put(v[3:6], vector(f.rate))
     v[6:] = f.joint_rate
     for n in range(len(f.commanded)):
@@ -210,12 +210,12 @@ def predict_root(f: Filter, commanded: Array, period: float) -> Vector:
     felt = minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS]))
     force = turned(f.turn, from_imu(f, felt))
     turn_root(f, times(0.5 * period, mean))
-    acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TURN])
+    acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TILT])
     moving = plus(turned(f.turn, vector(commanded[0:3])), cross(turned(f.turn, vector(f.rate)), velocity))
     put(f.twist[0, 0:3], times(period, minus(acceleration, moving)))
     way = plus(times(period, velocity), times(period * (0.5 * period + f.lag), acceleration))
     put(f.x[0:3], plus(vector(f.x[0:3]), way))
-    put(f.x[VELOCITY:TURN], plus(velocity, times(period, acceleration)))
+    put(f.x[VELOCITY:TILT], plus(velocity, times(period, acceleration)))
     return force
 
 
@@ -248,7 +248,7 @@ def propagate(f: Filter, period: float, force: Vector, rows: Array) -> None:
         for axis in range(3):
             rows[axis, e] += period * rows[VELOCITY + axis, e]
             rows[VELOCITY + axis, e] -= period * push[axis]
-            rows[TURN + axis, e] -= period * turn[axis]
+            rows[TILT + axis, e] -= period * turn[axis]
 
 
 @compiled
@@ -257,7 +257,7 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
     place_links(f.tree, f.q, f.link)
     if f.wrenches:
         spread_wrenches(f.soles, f.link, f.points, f.force, f.contact)
-    if f.spin:
+    if f.momentum:
         correct_by_momentum(f, period)
     for i in range(len(f.points)):
         update_contact(f, i, place_of(f.link, f.points[i]))
@@ -267,13 +267,12 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
                 correct_by_rest(f, axis, place_of(f.link, f.points[i]), i)
     if has_fix:
         for axis in range(3):
-            column = f.covariance[axis].copy()
-            update_by(f, f.position[axis] - f.x[axis], column, column[axis] + f.variance[3])
-    turn_root(f, turned(f.turn.T, vector(f.x[TURN:GYRO])))
-    f.x[TURN:GYRO] = 0.0
+            correct_entry(f, axis, f.position[axis], f.variance[3])
+    turn_root(f, turned(f.turn.T, vector(f.x[TILT:GYRO])))
+    f.x[TILT:GYRO] = 0.0
     f.q[0:3] = f.x[0:3]
     for h in range(len(f.worn)):
-        e = POINTS + 3 * len(f.points) + h
+        e = f.offsets + h
         f.offset[f.worn[h]] += f.x[e]
         f.q[7 + f.worn[h]] -= f.x[e]
         f.x[e] = 0.0
@@ -284,36 +283,36 @@ def correct_by_momentum(f: Filter, period: float) -> None:
     """Correct by the angular momentum about the COM, which the wrenches of the feet change.
 
     Where encoders put the COM beside its place over the foot, the body turns otherwise than by the force.
+    Before the offsets of a loaded foot's wrench are known, the momentum is that of the rates.
     """
-    s, first = f.soles, f.spin
+    s, first, v = f.soles, f.momentum, np.zeros(6 + len(f.joint_rate))
     sum_inertia(f.tree, f.link)
-    com, moment = com_of(f.link), ZERO
+    predict_momentum(f, period, com_of(f.link))
+    v[3:6], v[6:] = f.rate, f.joint_rate
+    move_links(f.tree, v, np.zeros(len(v)), 0.0, f.link)
+    read, variance = angular_momentum(f.tree, f.link), (SPIN_ERROR * f.weight) ** 2
+    known = (s.tared[0] or not s.loaded[0]) and (s.tared[1] or not s.loaded[1])
+    for axis in range(3):
+        if known:
+            correct_entry(f, first + axis, read[axis], variance)
+        else:
+            set_entry(f, first + axis, read[axis], variance)
+
+
+@compiled
+def predict_momentum(f: Filter, period: float, com: Vector) -> None:
+    """Angular momentum about the COM a period later, by the wrenches of the feet, and its covariance."""
+    first, moment = f.momentum, ZERO
     for foot in range(2):
-        lever, push = minus(place_of(f.link, s.frame[foot]), com), vector(s.felt[foot, 0:3])
-        moment = plus(moment, plus(cross(lever, push), vector(s.felt[foot, 3:6])))
+        lever, push = minus(place_of(f.link, f.soles.frame[foot]), com), vector(f.soles.felt[foot, 0:3])
+        moment = plus(moment, plus(cross(lever, push), vector(f.soles.felt[foot, 3:6])))
     put(f.x[first : first + 3], plus(vector(f.x[first : first + 3]), times(period, moment)))
     for h in range(len(f.worn)):
         turning = times(-period, moment_derivative(f, h, com))
-        offset = POINTS + 3 * len(f.points) + h
         for axis in range(3):
-            f.covariance[first + axis] += turning[axis] * f.covariance[offset]
+            f.covariance[first + axis] += turning[axis] * f.covariance[f.offsets + h]
         for axis in range(3):
-            f.covariance[:, first + axis] += turning[axis] * f.covariance[:, offset]
-    v = np.zeros(6 + len(f.joint_rate))
-    v[3:6], v[6:] = f.rate, f.joint_rate
-    move_links(f.tree, v, np.zeros(len(v)), 0.0, f.link)
-    spin = angular_momentum(f.tree, f.link)
-    known = (s.tared[0] or not s.loaded[0]) and (s.tared[1] or not s.loaded[1])
-    for axis in range(3):
-        e = first + axis
-        if known:
-            column = f.covariance[e].copy()
-            update_by(f, spin[axis] - f.x[e], column, column[e] + (SPIN_ERROR * f.weight) ** 2)
-        else:
-            f.x[e] = spin[axis]
-            f.covariance[e] = 0.0
-            f.covariance[:, e] = 0.0
-            f.covariance[e, e] = (SPIN_ERROR * f.weight) ** 2
+            f.covariance[:, first + axis] += turning[axis] * f.covariance[:, f.offsets + h]
 
 
 @compiled
@@ -326,7 +325,7 @@ def moment_derivative(f: Filter, h: int, com: Vector) -> Vector:
     for foot in range(2):
         push, moment = vector(s.felt[foot, 0:3]), vector(s.felt[foot, 3:6])
         shifted = away
-        if f.carries[foot, h]:
+        if f.moves[foot * len(f.points) // 2, h]:
             sole = place_of(f.link, s.frame[foot])
             shifted = plus(away, cross(axis, minus(sole, place)))
             turning = plus(cross(minus(sole, com), cross(axis, push)), cross(axis, moment))
@@ -345,23 +344,19 @@ def update_contact(f: Filter, i: int, arm: Vector) -> None:
     if loaded != f.loaded[i]:
         f.loaded[i] = loaded
         for axis in range(3):
-            row = POINTS + 3 * i + axis
-            f.x[row] = point_row(f, axis, arm, i, f.x) + arm[axis]
-            f.covariance[row] = 0.0
-            f.covariance[:, row] = 0.0
-            f.covariance[row, row] = 1.0
+            set_entry(f, POINTS + 3 * i + axis, point_row(f, axis, arm, i, f.x) + arm[axis], 1.0)
 
 
 @compiled
 def point_row(f: Filter, axis: int, arm: Vector, i: int, rows: Any) -> Any:
     """Derivatives of a coordinate of sole point i at an arm by x, times x or rows of the covariance."""
     after, last = (axis + 1) % 3, (axis + 2) % 3  # (turn x arm)[axis] = turn[after] arm[last] - ...
-    total = rows[axis] + rows[TURN + after] * arm[last] - rows[TURN + last] * arm[after]
+    total = rows[axis] + rows[TILT + after] * arm[last] - rows[TILT + last] * arm[after]
     for h in range(len(f.worn)):
         if f.moves[i, h]:
             joint = f.link[1 + f.worn[h]]
             lever = cross(vector(joint.axis), minus(arm, vector(joint.place)))[axis]
-            total = total - lever * rows[POINTS + 3 * len(f.points) + h]
+            total = total - lever * rows[f.offsets + h]
     return total
 
 
@@ -392,6 +387,22 @@ def correct_by_rest(f: Filter, axis: int, arm: Vector, i: int) -> None:
     innovation = f.x[row] - point_row(f, axis, arm, i, f.x) - arm[axis]
     column = point_row(f, axis, arm, i, f.covariance) - f.covariance[row]
     update_by(f, innovation, column, point_row(f, axis, arm, i, column) - column[row] + POINT_ERROR**2)
+
+
+@compiled
+def set_entry(f: Filter, e: int, value: float, variance: float) -> None:
+    """Give an entry of x a value that is independent of the others."""
+    f.x[e] = value
+    f.covariance[e] = 0.0
+    f.covariance[:, e] = 0.0
+    f.covariance[e, e] = variance
+
+
+@compiled
+def correct_entry(f: Filter, e: int, value: float, variance: float) -> None:
+    """Correct by a reading of an entry of x."""
+    column = f.covariance[e].copy()
+    update_by(f, value - f.x[e], column, column[e] + variance)
 
 
 @compiled

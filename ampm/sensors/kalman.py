@@ -54,7 +54,7 @@ class Kalman:
         read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
         variance = np.maximum(read, _LEAST) ** 2
         variance[3] *= _FIX_FACTOR**2
-        worn, moves, carries = _hinges(robot, sensors.angle_bias > 0.0)
+        worn, moves = _hinges(robot, sensors.angle_bias > 0.0)
         imu = np.full(3 if sensors.imu_angle_bias else 0, sensors.imu_angle_bias)
         constant = np.append(np.full(len(worn), sensors.angle_bias), imu)
         wrenches, weight = sensors.force_sensor == WRENCH, robot.mass * robot.gravity
@@ -78,9 +78,9 @@ class Kalman:
             covariance=np.diag(start_errors**2),
             worn=worn,
             moves=moves,
-            carries=carries,
+            offsets=POINTS + 3 * points,
             imu=len(growth) - len(spin) - 3 if len(imu) else 0,
-            spin=len(growth) - 3 if len(spin) else 0,
+            momentum=len(growth) - 3 if len(spin) else 0,
             touched=np.ones(points, dtype=bool),
             link=records(robot.model.njoints - 1, Link),
             soles=soles_of(robot, run),
@@ -141,14 +141,10 @@ class Kalman:
         return State(now, self._q, self._v, f.lag), touch
 
 
-def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Hinges between root and soles whose encoders are worn, (H,).
-
-    Also whether they move each sole point, (P, H), and carry each foot, (2, H).
-    """
+def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Hinges between root and soles whose encoders are worn, (H,); whether they move each point, (P, H)."""
     model = robot.model
-    frames = [*robot.point_frames, *robot.sole_frames]
-    joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in frames]
+    joints = [set(model.supports[model.frames[frame].parentJoint]) for frame in robot.point_frames]
     hinges = sorted(set().union(*joints) - {0, 1}) if worn else []
     moves = np.array([[joint in support for joint in hinges] for support in joints], dtype=bool)
-    return np.array(hinges, dtype=np.intp) - 2, moves[:-2], moves[-2:]
+    return np.array(hinges, dtype=np.intp) - 2, moves
