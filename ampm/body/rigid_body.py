@@ -111,11 +111,6 @@ class RigidBody(NamedTuple):
         frames = frames_of(model, soles), frames_of(model, [trunk])
         return cls(tree, records(len(tree), Link), *frames, columns, np.array(model.armature))
 
-    @property
-    def com(self) -> Array:
-        """COM from the root, shape (3,) [m]."""
-        return self.link["first"][0] / self.link["mass"][0]
-
     def place(self, q: Array) -> None:
         """See :func:`place_body`."""
         place_body(self, q)
@@ -125,12 +120,6 @@ class RigidBody(NamedTuple):
         places, turns = np.empty((len(frames), 3)), np.empty((len(frames), 3, 3))
         place_frames(self.link, frames, places, turns)
         return places, turns
-
-    def drift(self, v: Array, now: Array) -> Array:
-        """See :func:`task_drift`; a new array."""
-        drift = np.zeros(self.columns.shape[1])
-        task_drift(self, v, now, drift)
-        return drift
 
 
 def tree_of(model: pin.Model) -> Records:

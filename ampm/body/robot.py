@@ -204,13 +204,17 @@ class Robot:
         body = self.rigid_body
         body.place(q)
         place, turn = body.places(body.soles)
-        return TaskTerms(np.ascontiguousarray(body.columns.T), q[:3] + body.com, q[:3] + place, turn)
+        com = body.link["first"][0] / body.link["mass"][0]  # from the root
+        return TaskTerms(np.ascontiguousarray(body.columns.T), q[:3] + com, q[:3] + place, turn)
 
     def drift(self, q: Array, v: Array) -> Array:
         """``d(jacobian)/dt v`` at (q, v), shape (R,)."""
-        body = self.rigid_body
-        body.place(q)
-        return body.drift(v, v)
+        from ampm.body.rigid_body import task_drift  # as above
+
+        drift = np.zeros(self.task_rows)
+        self.rigid_body.place(q)
+        task_drift(self.rigid_body, v, v, drift)
+        return drift
 
     def unsupported(self, q: Array, v: Array, acceleration: Array) -> tuple[Array, Array, Array, Array]:
         """What a motion needs of motors and floor, by inverse dynamics (Newton and Euler).
