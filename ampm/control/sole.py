@@ -21,18 +21,13 @@ ACROSS = 3.0
 
 
 @compiled
-def sole_of(foot: int, points: Any, com: Array, cos: float, sin: float) -> Array:
-    """Least and largest place of a foot's points, along and across its heading, shape (2, 2) [m]."""
-    sole = np.array([[math.inf, -math.inf], [math.inf, -math.inf]])
+def places_of(points: Any, com: Array, cos: float, sin: float) -> Array:
+    """Places of sole points along and across a heading, shape (P, 2) [m]."""
+    places = np.empty((len(points), 2))
     for i in range(len(points)):
-        if points[i].foot == foot:
-            place = along_across(com[0] + points[i].arm[0], com[1] + points[i].arm[1], cos, sin)
-            for axis in range(2):
-                sole[axis, 0], sole[axis, 1] = (
-                    min(sole[axis, 0], place[axis]),
-                    max(sole[axis, 1], place[axis]),
-                )
-    return sole
+        x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
+        places[i, 0], places[i, 1] = along_across(x, y, cos, sin)
+    return places
 
 
 @compiled
@@ -53,18 +48,6 @@ def share_axis(r: float, arm: float, low: float, high: float, least: float) -> t
         return r, arm
     arm = clip(arm, min(TRUNK_SHARE * low, -least), max(TRUNK_SHARE * high, least))
     return clip(r, low - arm, high - arm), arm
-
-
-@compiled
-def open_points(points: Any, com: Array, cos: float, sin: float, out: Array) -> int:
-    """Write places of the points that may carry force, in the foot's axes, shape (P, 2) [m]; their number."""
-    count = 0
-    for i in range(len(points)):
-        if points[i].limit > OPEN:
-            x, y = com[0] + points[i].arm[0], com[1] + points[i].arm[1]
-            out[count, 0], out[count, 1] = along_across(x, y, cos, sin)
-            count += 1
-    return count
 
 
 @compiled
@@ -117,8 +100,7 @@ def share_sole(work: Workspace, slope: Array, tilt: Vector) -> None:
     if nearly_falling or not state.active:
         return
     cos, sin = state.heading[0], state.heading[1]
-    places = np.empty((len(body.points), 2))
-    sole = places[: open_points(body.points, com, cos, sin, places)]
+    sole = places_of(body.points[body.points.limit > OPEN], com, cos, sin)
     if len(sole) == 0:
         return
     height = over_plane(com, slope) - state.floor
@@ -162,8 +144,8 @@ def over_plane(a: Any, slope: Array) -> float:
 
 
 @compiled
-def turned_axes(a: Array, cos: float, sin: float) -> Array:
-    """:func:`~ampm.vectors.along_across` of an array of shape (2,), as a new one."""
+def turned_axes(a: Any, cos: float, sin: float) -> Array:
+    """:func:`~ampm.vectors.along_across` of two numbers or more, a new array, shape (2,)."""
     out = np.empty(2)  # filled, as an array of a tuple takes much longer
     out[0], out[1] = along_across(a[0], a[1], cos, sin)
     return out

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.sole import sole_of, turned_axes
+from ampm.control.sole import places_of, turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.vectors import clip
@@ -119,9 +119,9 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
         remaining: time until the end [s].
         tick: [s].
     """
+    t, T = tick, remaining
     for axis in range(motion.shape[1]):
         x, v, a = motion[0, axis], motion[1, axis], motion[2, axis]
-        T = remaining
         if tick >= T:
             motion[0, axis], motion[1, axis], motion[2, axis] = target[axis], 0.0, 0.0
             continue
@@ -129,7 +129,6 @@ def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) ->
         c3 = (10.0 * dp - 4.0 * dv + 0.5 * da) / T**3
         c4 = (-15.0 * dp + 7.0 * dv - da) / T**4
         c5 = (6.0 * dp - 3.0 * dv + 0.5 * da) / T**5
-        t = tick
         motion[0, axis] = x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5))))
         motion[1, axis] = v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
         motion[2, axis] = a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
@@ -168,13 +167,8 @@ def expected_dcm(work: Workspace, omega: float) -> Array:
 def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau: float, back: Array) -> Array:
     """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
 
-    Args:
-        work: as in :func:`plan_step`.
-        stepper: with the phase.
-        sole: see :func:`~ampm.control.sole.sole_of`.
-        dcm: see :func:`expected_dcm`.
-        tau: rest of the single support.
-        back: displacement in any case, shape (2,) [m].
+    The DCM is that of :func:`expected_dcm`, ``sole`` has the places of the points of the standing foot, shape
+    (n, 2) [m], ``tau`` is the rest of the single support. The step moves ``back`` in any case, (2,) [m].
     """
     state: SteppingState = work.stepping[0]
     wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
@@ -187,16 +181,17 @@ def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau:
     error = turned_axes(dcm - planned - shift, cos, sin) - ramp * decay * back
     zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
     for axis in range(2):
-        low, high = SOLE_SHARE * (sole[axis, 0] - zmp[axis]), SOLE_SHARE * (sole[axis, 1] - zmp[axis])
+        low = SOLE_SHARE * (sole[:, axis].min() - zmp[axis])
+        high = SOLE_SHARE * (sole[:, axis].max() - zmp[axis])
         step[axis] += OVERSHOOT[axis] * step_change(error[axis], decay, ramp, low, high)
     return step
 
 
 @compiled
-def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> Array:
-    """What the legs allow of a displacement, both along and across, shape (2,) [m]."""
+def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> tuple[float, float]:
+    """What the legs allow of a displacement, both along and across [m]; see :func:`needed_step`."""
     state: SteppingState = work.stepping[0]
-    size, length, beside = stepper.size, sole[0, 1] - sole[0, 0], stepper.foot_width
+    size, length, beside = stepper.size, sole[:, 0].max() - sole[:, 0].min(), stepper.foot_width
     if state.off_plan:  # a foot that is turned takes more
         cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
         to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
@@ -205,10 +200,7 @@ def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) ->
     in_line = abs(state.length + along) >= length + GAP * size
     narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
     side = 1.0 if state.stance == 1 else -1.0  # of the swing foot
-    allowed = np.empty(2)
-    allowed[0] = along
-    allowed[1] = side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)
-    return allowed
+    return along, side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)
 
 
 @compiled
@@ -227,7 +219,8 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
     state: SteppingState = work.stepping[0]
     size, rest, shortest = stepper.size, state.duration - state.clock, SHORTEST * math.sqrt(stepper.size)
     cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
-    sole = sole_of(state.stance, work.body.points, work.body.com, cos, sin)
+    points = work.body.points[work.body.points.foot == state.stance]
+    sole = places_of(points, work.body.com, cos, sin)
     dcm = expected_dcm(work, stepper.omega)
     shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
     least_cost, last_choice = math.inf, state.choice

@@ -59,8 +59,7 @@ def update_reference(work: Workspace, stepper: Stepper) -> None:
     if state.off_plan:
         advance(work, stepper)
     else:
-        state.heading[0] = wanted.foot_rotation[state.stance, 0, 0]
-        state.heading[1] = wanted.foot_rotation[state.stance, 1, 0]
+        state.heading[:] = wanted.foot_rotation[state.stance, :2, 0]
         state.leaves = must_leave(work, stepper)
     hold_height(work, stepper)
 
