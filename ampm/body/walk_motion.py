@@ -52,7 +52,7 @@ _WAYS_OUT = {
 }
 
 
-class _Followed(NamedTuple):
+class _WalkMotion(NamedTuple):
     """A followed walk; NaN where it is not known."""
 
     time: Array  # shape (T,) [s]
@@ -119,7 +119,7 @@ def _range_limit(
     return Limit(what, "rad", _BEYOND, AT_MOST, "joint_limits", less), float(beyond[row, joint])
 
 
-def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tuple[Limit, float]]:
+def _walk_limits(plan: StepPlan, walk: _WalkMotion, robot: Robot) -> Iterator[tuple[Limit, float]]:
     """Limits and values of a followed walk, those first that make others meaningless."""
     contacts, step = plan.contacts, plan.constants.step_duration
     landings, shorten = contacts.starts[contacts.kind_codes == 1][1:], "shorten the steps about it"
@@ -160,7 +160,12 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     less = _retimed(plan, walk.time[k]) + _WAYS_OUT.get(group, f"{shorten}, or take lower ones")
     yield Limit(what, "1", _MOST, AT_MOST, "torque_limits", less), float(mean[k, joint])
 
-    first = np.searchsorted(walk.time, contacts.starts[contacts.kind_codes == 0])
+    yield _burden_limit(contacts.starts[contacts.kind_codes == 0], walk, robot)
+
+
+def _burden_limit(starts: Array, walk: _WalkMotion, robot: Robot) -> tuple[Limit, float]:
+    """Largest sum of what ankles and motors lack in a step, in shares of their limits, by the starts [s]."""
+    first = np.searchsorted(walk.time, starts)
     mean = _means(walk.time, walk.beyond, _LONG)
     lacking = _LONG * _means(walk.time, np.maximum(np.minimum(walk.share, _SPIKE) - 1.0, 0.0), _LONG)
     lacking[:, np.concatenate(robot.leg_joints) - 6] = 0.0
@@ -177,8 +182,8 @@ def _walk_limits(plan: StepPlan, walk: _Followed, robot: Robot) -> Iterator[tupl
     what = f"footstep {k + 3}: for {1e3 * _LONG:g} ms {said}: the sum of the shares"
     ankles = angle[k] / _ANKLE > lack[k] / _LACK
     reason = "joint_limits" if ankles else "torque_limits"
-    less = f"{shorten}, or " + ("put the feet nearer to each other" if ankles else "take lower ones")
-    yield Limit(what, "1", 1.0, AT_MOST, reason, less), float(burden[k])
+    less = "put the feet nearer to each other" if ankles else "take lower ones"
+    return Limit(what, "1", 1.0, AT_MOST, reason, f"shorten the steps about it, or {less}"), float(burden[k])
 
 
 def _phase(plan: StepPlan, time: float) -> Phase:
@@ -209,7 +214,7 @@ def _means(time: Array, values: Array, window: float) -> Array:
     return np.asarray((np.stack(later, axis=1) - total) / window)
 
 
-def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> _Followed:
+def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> _WalkMotion:
     """Follow a walk up to its last stop, piece by piece, each with its own constant heading and feedback."""
     gains, nodes = run.controller, _INTERVALS + 1
     ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])  # that turn sidewards
@@ -275,7 +280,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
             share[rows] = _shares(step, piece, int(stance[k]), robot)
         tilts[k] = tilt
     gaps = robot.gaps(np.concatenate(configurations))
-    return _Followed(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
+    return _WalkMotion(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
 
 
 def _upright(
