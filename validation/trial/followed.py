@@ -236,14 +236,8 @@ class Followed:
 def _go_ahead(state: Any, times: Array, contacts: Contacts, goes_on: bool) -> None:
     """Let states of the stabiliser go on to ``times`` (M,) [s], each foot landing where it is sent.
 
-    After the present phase come the next ones of the plan; one that goes on after its end, see
-    :func:`~ampm.stepping.tracker.walks_on`, repeats its last two steps.
-
-    Args:
-        state: entries of :class:`~ampm.control.workspace.SteppingState`, shape (M,), replaced.
-        times: not before those of the states.
-        contacts: of the plan.
-        goes_on: whether the plan does.
+    Replaced are entries of :class:`~ampm.control.workspace.SteppingState`, shape (M,). After the present
+    phase come the next ones of the plan; one that goes on after its end repeats its last two steps.
     """
     left, begun, spans = times - state.time, state.clock.copy(), np.diff(contacts.switches)
     while True:
