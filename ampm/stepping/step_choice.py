@@ -143,8 +143,7 @@ def mean_zmp(state: SteppingState, stepper: Stepper, tau: float) -> Array:
         i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
         weight = math.exp(-0.25 * k * tau) * (0.5 if k in (0, 4) else 1.0)
         mean[0], mean[1], total = mean[0] + weight * zmp[i, 0], mean[1] + weight * zmp[i, 1], total + weight
-    mean /= total
-    return mean
+    return mean / total
 
 
 @compiled
@@ -167,22 +166,20 @@ def expected_dcm(work: Workspace, omega: float) -> Array:
 def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau: float, back: Array) -> Array:
     """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
 
-    The DCM is that of :func:`expected_dcm`, ``sole`` has the places of the points of the standing foot, shape
-    (n, 2) [m], ``tau`` is the rest of the single support. The step moves ``back`` in any case, (2,) [m].
+    The DCM is that of :func:`expected_dcm`, ``tau`` the rest of the single support. ``sole`` has the least
+    and largest place of the standing foot's points, (2, 2) [m]. The step moves ``back`` in any case [m].
     """
     state: SteppingState = work.stepping[0]
     wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
     decay, ramp = math.exp(-tau), ramp_share(omega * state.double)
+    planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
     if state.off_plan:
         planned = dcm_ahead(state, stepper, tau)
-    else:
-        planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
     error = turned_axes(dcm - planned - shift, cos, sin) - ramp * decay * back
     zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
     for axis in range(2):
-        low = SOLE_SHARE * (sole[:, axis].min() - zmp[axis])
-        high = SOLE_SHARE * (sole[:, axis].max() - zmp[axis])
+        low, high = SOLE_SHARE * (sole[0, axis] - zmp[axis]), SOLE_SHARE * (sole[1, axis] - zmp[axis])
         step[axis] += OVERSHOOT[axis] * step_change(error[axis], decay, ramp, low, high)
     return step
 
@@ -191,7 +188,7 @@ def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau:
 def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> tuple[float, float]:
     """What the legs allow of a displacement, both along and across [m]; see :func:`needed_step`."""
     state: SteppingState = work.stepping[0]
-    size, length, beside = stepper.size, sole[:, 0].max() - sole[:, 0].min(), stepper.foot_width
+    size, length, beside = stepper.size, sole[1, 0] - sole[0, 0], stepper.foot_width
     if state.off_plan:  # a foot that is turned takes more
         cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
         to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
@@ -219,8 +216,13 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
     state: SteppingState = work.stepping[0]
     size, rest, shortest = stepper.size, state.duration - state.clock, SHORTEST * math.sqrt(stepper.size)
     cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
-    points = work.body.points[work.body.points.foot == state.stance]
-    sole = places_of(points, work.body.com, cos, sin)
+    first, count = state.stance * len(work.body.points) // 2, len(work.body.points) // 2
+    places, sole = (
+        places_of(work.body.points[first : first + count], work.body.com, cos, sin),
+        np.empty((2, 2)),
+    )
+    for axis in range(2):
+        sole[0, axis], sole[1, axis] = places[:, axis].min(), places[:, axis].max()
     dcm = expected_dcm(work, stepper.omega)
     shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
     least_cost, last_choice = math.inf, state.choice
