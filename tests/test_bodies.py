@@ -142,8 +142,10 @@ def test_a_body_whose_ankles_do_not_roll_keeps_its_legs_upright(tmp_path: Path) 
     trial = walk(planned.run)
     assert trial.record.outcome.completed
     assert trial.metrics["zmp_y_rmse"].value < 0.004
-    with pytest.raises(BodilyRefusal, match=r"walks straight: the largest heading of a footstep is 0\.45"):
-        walk(RunParameters(body=planned.run.body), footsteps=routes.turn(4, 0.35, d.upright.width))
+    with pytest.raises(
+        BodilyRefusal, match="hinges in each leg is 5 and must be at least 6; walk equal steps"
+    ):
+        walk(planned.run.as_is(), footsteps=routes.straight(4, 0.1, d.upright.width))
     with pytest.raises(BodilyRefusal, match=r"level along y: its rise is 0\.02"):
         walk(planned.run.replace({"gait.cross_slope": 0.02}))
 

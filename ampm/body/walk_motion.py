@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ampm.body.constant_posture import ConstantPosture, turned
-from ampm.body.feasibility import check_ankles, joint_groups
+from ampm.body.feasibility import joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
 from ampm.body.robot import Robot
@@ -45,6 +45,15 @@ _LONG, _ANKLE, _LACK = 0.15, 0.04, 0.022
 pelvis that tilts makes up for it. The largest integral over this time of the share beyond 1 of a torque of
 trunk or arms [s]. Shares of both limits add up. Chosen on random walks of the G1: most of those with more
 than 1 fell, or their arms came into their legs."""
+_NO_ROLL = Limit(
+    "if ankles do not roll, a start over footsteps sways the trunk too far: the number of hinges in each leg",
+    "1",
+    6.0,
+    AT_LEAST,
+    "ankles_do_not_roll",
+    "walk equal steps, without footsteps",
+)
+"""Of legs without a roll of the ankle: four bodies of this kind could walk none of 70 lists of footsteps."""
 _QUICK, _SLOW = 0.8, 1.2  # durations of a swing over the gait's beyond which a refusal blames them [1]
 _WAYS_OUT = {
     "hip": "shorten or narrow the steps about it, lower gait.c_y, or raise gait.switching_velocity",
@@ -80,10 +89,11 @@ def check_walk(plan: StepPlan, posture: ConstantPosture, run: RunParameters, rob
         robot: the body.
 
     Raises:
-        BodilyRefusal: as :func:`check_ankles`, ``joint_limits``, ``leg_too_short``, ``self_collision``,
+        BodilyRefusal: ``ankles_do_not_roll``, ``joint_limits``, ``leg_too_short``, ``self_collision``,
             ``arm_collision``, ``speed_limits`` or ``torque_limits``.
     """
-    check_ankles(plan, robot.description)
+    if robot.description.upright:
+        raise _NO_ROLL.refusal(float(len(robot.description.left_leg.joints)))
     check([_range_limit(plan, posture, run, robot)])
     check(_walk_limits(plan, _follow(plan, posture, run, robot), robot))
 
