@@ -216,11 +216,9 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
     state: SteppingState = work.stepping[0]
     size, rest, shortest = stepper.size, state.duration - state.clock, SHORTEST * math.sqrt(stepper.size)
     cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
-    first, count = state.stance * len(work.body.points) // 2, len(work.body.points) // 2
-    places, sole = (
-        places_of(work.body.points[first : first + count], work.body.com, cos, sin),
-        np.empty((2, 2)),
-    )
+    count = len(work.body.points) // 2
+    points = work.body.points[count * state.stance : count * (state.stance + 1)]
+    places, sole = places_of(points, work.body.com, cos, sin), np.empty((2, 2))
     for axis in range(2):
         sole[0, axis], sole[1, axis] = places[:, axis].min(), places[:, axis].max()
     dcm = expected_dcm(work, stepper.omega)
