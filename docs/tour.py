@@ -22,7 +22,12 @@ from validation.table import ABSENT, Table, print_tables
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "tour"
-BODIES = {"G1": str(ROOT / "examples" / "tour-g1.toml"), "human": "normal"}
+EXAMPLES = ROOT / "examples"
+BODIES = {
+    "G1": str(EXAMPLES / "tour-g1.toml"),
+    "human": str(EXAMPLES / "tour-human.toml"),
+    "human (normal)": "normal",
+}
 TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
 COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
