@@ -80,7 +80,7 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     [
         ([], {}, ["normal", "ipm"]),
         (["flat"], {"gait.planner": ["dcm"]}, ["ampm", "dcm"]),
-        (["flat"], {"body.source": ["g1"]}, ["ampm", "ipm"]),
+        (["flat"], {"body.source": ["suite-humanoid"]}, ["ampm", "ipm"]),
         (["flat"], PLANNERS | {"controller.name": ["ampm"]}, ["ampm", "dcm"]),
         (["flat"], PLANNERS | {"controller.name": ["ampm", JOINT_PD]}, ["ampm, ampm", f"dcm, {JOINT_PD}"]),
         (["flat", "normal"], PLANNERS, ["flat", "normal"]),
