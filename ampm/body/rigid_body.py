@@ -97,9 +97,7 @@ class RigidBody(NamedTuple):
     link: Records  # table of Link, of the state that was placed last
     soles: Records  # frames of the feet
     trunk: Records  # frame of the trunk
-    columns: (
-        Array  # transposed task Jacobian of that state, (nv, R); rows: momentum (6), soles (6 each), toes
-    )
+    columns: Array  # transposed task Jacobian, (nv, R); R: momentum (6), soles (6 each), toes
     armature: Array  # rotor inertia, shape (nv,) [kg m^2]
 
     @classmethod
