@@ -287,61 +287,41 @@ def test_margins_of_a_knee_that_bends_backwards_and_of_its_motor(walk):
         assert evaluate(compare(plan, bent, measured, description=body))["speed_excess"] == excess
 
 
-def recovery_time(found, profile="default"):
-    limits = find_profile(profile).limits(found.scales)
-    return evaluate(replace(found, unpushed_limits=limits))["recovery_time"]
+BOTH = (100, 200)
+"""Two pushes less than a step apart, as rows; a step has 360."""
 
 
-def test_recovery_lasts_from_the_last_push_to_the_last_error(walk):
+@pytest.mark.parametrize(
+    ("pushes", "errors", "rows", "profile"),
+    [
+        (BOTH, [(210, 250, 0.5)], 49, "default"),
+        (BOTH, [(210, 250, 0.5)], 49, "jumps"),
+        (BOTH, [(210, 250, 0.5), (-360, None, 0.5)], math.nan, "default"),  # in the last step, too
+        (BOTH, [(210, None, 0.5)], math.nan, "default"),  # the end comes before the limit on the recovery
+        (BOTH, [(210, 230, math.nan), (230, None, 0.012)], math.nan, "default"),  # flown, then the RMS error
+        (BOTH, [(230, 231, 0.05)], 30, "default"),
+        (BOTH, [(230, 231, 0.05)], 0, "jumps"),  # which allows more
+        (BOTH, [(110, 150, 0.5)], 0, "default"),  # between both
+        ((100, 560), [(110, 150, 0.5)], 49, "default"),  # of which each counts
+        ((820, 920), [(470, 510, 0.5)], math.inf, "default"),  # before the first push
+        (BOTH, [(210, 600, 0.008)], 387, "default"),  # by the RMS error, which later steps do not lower
+        (BOTH, [(-360, None, 0.0018)], 0, "default"),  # over the limit of RMS errors in the last step alone
+        ((10,), [(900, 1000, 0.0055)], 963, "default"),  # 1.93 times that limit in a later step
+    ],
+)
+def test_recovery_lasts_from_the_last_push_to_the_last_error(walk, pushes, errors, rows, profile):
     plan, record, measured = walk
+    constants = replace(plan.constants, single_support_duration=0.0)  # are not used
     force, zmp = np.zeros((record.steps, 1, 3)), measured.zmp.copy()
-    step = round(plan.constants.step_duration / record.time_step)
-    force[[100, 200]], zmp[210:250, 1] = 10.0, 0.5
-    pushed = replace(record, external_segments=("thorax",), external_force=force)
-    recovery = recovery_time(compare(plan, pushed, replace(measured, zmp=zmp)))
-    assert recovery == pytest.approx(49 * record.time_step)
-    again = zmp.copy()
-    again[-step:, 1] = 0.5  # in the last step
-    assert np.isnan(recovery_time(compare(plan, pushed, replace(measured, zmp=again))))
-    flown = measured.zmp.copy()
-    flown[210:230], flown[230:, 1] = np.nan, flown[230:, 1] + 0.012  # within the largest error, not its RMS
-    assert np.isnan(recovery_time(compare(plan, pushed, replace(measured, zmp=flown))))
-    still = replace(plan.constants, single_support_duration=0.0, double_support_duration=0.0)
-    found = compare(replace(plan, constants=still), pushed, replace(measured, zmp=zmp))
-    assert recovery_time(found) == recovery
-    assert recovery_time(found, "jumps") == recovery
-    zmp = measured.zmp.copy()
-    zmp[230, 1] += 0.05  # more than `default` allows, less than `jumps`
-    found = compare(plan, pushed, replace(measured, zmp=zmp))
-    times = [recovery_time(found, name) for name in ("default", "jumps")]
-    assert times == pytest.approx([30 * record.time_step, 0.0])
-    wind = replace(pushed, external_force=force + 1.0)  # which is no push
-    assert recovery_time(compare(plan, wind, replace(measured, zmp=zmp))) == times[0]
-    earlier = measured.zmp.copy()
-    earlier[110:150, 1] = 0.5  # between pushes that are less than a step apart
-    assert recovery_time(compare(plan, pushed, replace(measured, zmp=earlier))) == 0.0
-    apart = np.zeros_like(force)
-    apart[[100, 200 + step]] = 10.0
-    apart = replace(pushed, external_force=apart)
-    assert recovery_time(compare(plan, apart, replace(measured, zmp=earlier))) == recovery
-    shifted = measured.zmp.copy()
-    shifted[210:600, 1] += 0.008  # within the largest error, not the RMS, which later steps do not lower
-    assert recovery_time(compare(plan, pushed, replace(measured, zmp=shifted))) > 385 * record.time_step
-    noisy = measured.zmp.copy()
-    noisy[-step:, 1] += 0.0018  # the last step has more than the RMS limit, but not all that remains
-    assert recovery_time(compare(plan, pushed, replace(measured, zmp=noisy))) == 0.0
-    late, early = measured.zmp.copy(), np.zeros_like(force)
-    early[10] = 10.0
-    most = find_profile("default").limits(found.scales)["zmp_y_rmse"] * 1.93
-    late[900:1000, 1] += most * math.sqrt(step / 100)  # in a later step, and half of it in all that remains
-    found = compare(plan, replace(pushed, external_force=early), replace(measured, zmp=late))
-    assert recovery_time(found) > 600 * record.time_step
-    later = replace(pushed, external_force=np.roll(force, 2 * step, axis=0))
-    unfit = np.roll(earlier, step, axis=0)  # before the first push
-    assert recovery_time(compare(plan, later, replace(measured, zmp=unfit))) == np.inf
-    late = np.arange(len(zmp))[:, None] > 210  # to the end, which comes before the limit on the recovery
-    zmp = np.where(late, 0.5, zmp)
-    assert np.isnan(recovery_time(compare(plan, pushed, replace(measured, zmp=zmp))))
+    force[[*pushes]] = 10.0
+    for begin, end, off in errors:
+        zmp[begin:end, 1] += off
+    for wind in (0.0, 1.0):  # is no push
+        pushed = replace(record, external_segments=("thorax",), external_force=force + wind)
+        found = compare(replace(plan, constants=constants), pushed, replace(measured, zmp=zmp))
+        found = replace(found, unpushed_limits=find_profile(profile).limits(found.scales))
+        time = evaluate(found)["recovery_time"]
+        assert time == pytest.approx(rows * record.time_step, nan_ok=True)
 
 
 def test_the_judged_time_begins_with_the_first_step_that_is_walked(walk):
