@@ -102,23 +102,31 @@ def test_replicas_that_are_equal_count_once():
     assert not found.wins
 
 
-def test_falls_at_the_same_instant_are_not_equal():
-    def change(task, planner, row):
-        return row | ({"outcome_time": 1.5} if row["outcome"] == "fell" else {})
-
-    cell = next(cell for cell in rank(league(0, change)).cells if (cell.task, cell.name) == ("flat", "lipm"))
-    assert (cell.runs, cell.survived) == (8, 0)
+REFUSED = {"outcome": "refused", "reason": "bad_parameter", "cause": "engine."}
+UNSOUND, OTHER = {"failed": "zmp_x_rmse,zmp_agreement_rmse"}, {"plan_note": "It is 0 m."}
 
 
-def test_a_replica_that_only_one_planner_refuses_counts_as_not_completed():
-    refusals = iter(range(3))
+@pytest.mark.parametrize(
+    ("tasks", "planner", "walks", "what", "survived", "runs", "note"),
+    [
+        ("flat", "lipm", 8, {"outcome_time": 1.5}, 0, 8, ""),  # falls at the same instant are not equal
+        ("normal", "dcm", 3, REFUSED, 5, 8, "3 refused: engine."),  # by one planner alone
+        ("normal flat", "dcm", 16, {"verdict": "not_measured"}, 8, 8, "8 not measured: "),
+        ("normal flat", "dcm", 16, UNSOUND, 0, 0, "8 fail a check of the measurement and do not count"),
+        ("normal flat", "dcm", 16, OTHER, 0, 0, "8 of other steps than the task's do not count: It is 0 m."),
+    ],
+)
+def test_which_walks_count_and_which_survived(tasks, planner, walks, what, survived, runs, note):
+    left = iter(range(walks))
 
-    def change(task, planner, row):
-        refuses = (task, planner) == ("normal", "dcm") and next(refusals, None) is not None
-        return {"outcome": "refused", "reason": "bad_parameter", "cause": "engine."} if refuses else row
+    def change(task, name, row):
+        return row | what if name == planner and task in tasks and next(left, None) is not None else row
 
-    cell = next(cell for cell in rank(league(0, change)).cells if cell.name == "dcm")
-    assert (cell.task, cell.survived, cell.runs, cell.notes[0]) == ("normal", 5, 8, "3 refused: engine.")
+    found = rank(league(0, change))
+    cell = next(cell for cell in found.cells if cell.name == planner and cell.task in tasks)
+    assert (cell.survived, cell.runs, "".join(cell.notes[:1])) == (survived, runs, note)
+    assert len(cell.errors) == survived
+    assert ((cell.task, planner) in found.ranks) == (f"{planner}-best" in found.extremes) == bool(runs)
 
 
 def test_a_walk_without_an_error_has_no_rank():
@@ -128,26 +136,6 @@ def test_a_walk_without_an_error_has_no_rank():
     found = rank(league(0, change))
     assert ("normal", "dcm") not in found.ranks
     assert ("normal", "ipm") in found.ranks
-
-
-def test_a_walk_that_completes_without_a_verdict_survives():
-    """Such as one that has not recovered from a push at its end."""
-    found = rank(league(0, lambda task, planner, row: row | {"verdict": "not_measured"}))
-    cell = next(cell for cell in found.cells if cell.name == "dcm")
-    assert (cell.survived, cell.runs, len(cell.errors)) == (8, 8, 8)
-
-
-NO_CHECK = {"failed": "zmp_x_rmse,zmp_agreement_rmse"}, "8 fail a check of the measurement and do not count"
-OTHER = {"plan_note": "It is 0 m."}, "8 of other steps than the task's do not count: It is 0 m."
-
-
-@pytest.mark.parametrize(("what", "note"), [NO_CHECK, OTHER])
-def test_a_walk_that_says_nothing_about_the_task_does_not_count(what, note):
-    found = rank(league(0, lambda task, planner, row: row | (what if planner == "dcm" else {})))
-    assert not [name for _, name in found.ranks if name == "dcm"]
-    cell = next(cell for cell in found.cells if cell.name == "dcm")
-    assert (cell.runs, cell.notes[0]) == (0, note)
-    assert "dcm-best" not in found.extremes
 
 
 def test_survival_of_other_replicas_is_not_compared():
