@@ -272,23 +272,19 @@ def _from_standing_foot(planned: PlanRows, measured: MeasuredGait, forward: Arra
     Of two loaded feet it is the mean, weighted by the measured loads. Where the walk is in the world does not
     count, which an estimator without fixes of the position cannot know.
     """
-    feet, headings = planned.feet, planned.headings
     load = np.maximum(measured.foot_force[:, :, 2], 0.0)
     load = load / np.where(load.any(axis=1), load.sum(axis=1), np.nan)[:, None]
-    found, wanted = np.zeros((2, len(load), 2))
-    for foot in (0, 1):
-        place, x, y = feet[:, 3 * foot : 3 * foot + 2], forward[:, foot, 0], forward[:, foot, 1]
-        along = np.column_stack([x, y]) / np.hypot(x, y)[:, None]
-        heading = np.column_stack([np.cos(headings[:, foot]), np.sin(headings[:, foot])])
-        found += load[:, foot, None] * _along(measured.zmp - measured.foot_position[:, foot, :2], along)
-        wanted += load[:, foot, None] * _along(planned.zmp - place, heading)
-    return found, wanted
+    along = forward[..., :2] / np.hypot(forward[..., :1], forward[..., 1:2])
+    heading = np.stack([np.cos(planned.headings), np.sin(planned.headings)], axis=-1)
+    found = _along(measured.zmp[:, None] - measured.foot_position[..., :2], along)
+    wanted = _along(planned.zmp[:, None] - planned.feet.reshape(-1, 2, 3)[..., :2], heading)
+    return (load[..., None] * found).sum(axis=1), (load[..., None] * wanted).sum(axis=1)
 
 
 def _along(vectors: Array, heading: Array) -> Array:
-    """Components along and across unit vectors in the floor, all of shape (K, 2)."""
-    across = heading[:, 0] * vectors[:, 1] - heading[:, 1] * vectors[:, 0]
-    return np.column_stack([(vectors * heading).sum(axis=1), across])
+    """Components along and across unit vectors in the floor, all of shape (..., 2)."""
+    across = heading[..., 0] * vectors[..., 1] - heading[..., 1] * vectors[..., 0]
+    return np.stack([(vectors * heading).sum(axis=-1), across], axis=-1)
 
 
 def push_rows(record: SimulationRecord) -> list[tuple[int, int]]:
