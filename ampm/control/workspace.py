@@ -84,7 +84,7 @@ class SteppingState:
     """
 
     time: float  # of the tick, on the walk's clock; off the plan only [s]
-    phase: int  # its number in the plan, whose numbers go on after its end; off the plan only
+    phase: int  # its number in the plan, whose numbers go on after its end
     off_plan: bool  # whether the walk has left its plan
     leaves: bool  # whether it leaves its plan at the next tick
     active: bool  # whether it is off its plan or disturbed: COM and trunk share what the sole can give

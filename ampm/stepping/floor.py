@@ -114,19 +114,12 @@ def stands_flat(work: Workspace) -> bool:
 def is_early(state: SteppingState) -> bool:
     """Whether the swing foot has landed long before its time."""
     rest = (state.duration - state.clock) / state.rate
-    return bool(
-        state.single
-        and state.clock > SWUNG * state.duration
-        and rest > EARLY
-        and state.touches[1 - state.stance] > 1
-    )
+    counts = state.single and state.clock > SWUNG * state.duration and rest > EARLY
+    return bool(counts and state.touches[1 - state.stance] > 1)
 
 
 @compiled
 def is_late(state: SteppingState) -> bool:
     """Whether the foot that should have landed has not."""
-    return bool(
-        not state.single
-        and GRACE < state.clock < 0.5 * state.duration
-        and state.touches[1 - state.stance] == 0
-    )
+    awaited = not state.single and GRACE < state.clock < 0.5 * state.duration
+    return bool(awaited and state.touches[1 - state.stance] == 0)

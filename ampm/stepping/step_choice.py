@@ -17,7 +17,7 @@ from ampm.compiled import compiled
 from ampm.control.sole import places_of, turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.vectors import clip
+from ampm.vectors import Vector, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
@@ -110,17 +110,17 @@ def step_change(error: float, decay: float, ramp: float, low: float, high: float
 
 
 @compiled
-def quintic_tick(motion: Array, target: Array, remaining: float, tick: float) -> None:
+def quintic_tick(motion: Array, target: Vector, remaining: float, tick: float) -> None:
     """Advance an offset by one tick of the quintic that ends at rest at a target.
 
     Args:
-        motion: value, rate and acceleration, which are replaced, shape (3, k).
-        target: shape (k,).
+        motion: value, rate and acceleration, which are replaced, shape (3, 3).
+        target: where it ends.
         remaining: time until the end [s].
         tick: [s].
     """
     t, T = tick, remaining
-    for axis in range(motion.shape[1]):
+    for axis in range(3):
         x, v, a = motion[0, axis], motion[1, axis], motion[2, axis]
         if tick >= T:
             motion[0, axis], motion[1, axis], motion[2, axis] = target[axis], 0.0, 0.0

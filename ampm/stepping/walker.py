@@ -8,6 +8,7 @@ from ampm.control.sole import turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
+from ampm.stepping.phases import carried_shift, landing_shift
 from ampm.stepping.step_choice import (
     dcm_ahead,
     expected_dcm,
@@ -57,7 +58,7 @@ def update_reference(work: Workspace, stepper: Stepper) -> None:
     dcm_error = plus(error, times(1.0 / stepper.omega, rate_error))
     state.active = state.off_plan or math.hypot(dcm_error[0], dcm_error[1]) > DISTURBED * stepper.size
     if state.off_plan:
-        advance(work, stepper)
+        replace_reference(work, stepper)
     else:
         state.heading[:] = wanted.foot_rotation[state.stance, :2, 0]
         state.leaves = must_leave(work, stepper)
@@ -77,9 +78,8 @@ def must_leave(work: Workspace, stepper: Stepper) -> bool:
         com, place = work.body.com, work.body.feet[state.stance].place
         height, slope_x, slope_y = floor_under(work, stepper.slope, state.stance)
         x, y = com[0] + place[0] - planned[0], com[1] + place[1] - planned[1]
-        if math.hypot(x, y) > OFF_PLACE * stepper.size or abs(height - planned[2]) > OFF_HEIGHT:
-            return True
-        if math.hypot(slope_x, slope_y) > OFF_TILT:
+        off = math.hypot(x, y) > OFF_PLACE * stepper.size or abs(height - planned[2]) > OFF_HEIGHT
+        if off or math.hypot(slope_x, slope_y) > OFF_TILT:
             return True
     return state.duration - state.clock >= FREEZE and plan_step(work, stepper)
 
@@ -131,7 +131,7 @@ def read_table(work: Workspace, stepper: Stepper) -> None:
 
 
 @compiled
-def advance(work: Workspace, stepper: Stepper) -> None:
+def replace_reference(work: Workspace, stepper: Stepper) -> None:
     """Replace the plan's reference of one tick, off the plan."""
     state: SteppingState = work.stepping[0]
     wanted = work.wanted
@@ -145,14 +145,9 @@ def advance(work: Workspace, stepper: Stepper) -> None:
     slope_x, slope_y = state.slope[0], state.slope[1]
     slope = slope_x - clip(slope_x, -LEVEL, LEVEL), slope_y - clip(slope_y, -LEVEL, LEVEL)
     state.heading[0], state.heading[1] = heading_of(wanted.foot_rotation[state.stance])
-    if state.single:
-        moved = 0.0
-        dcm = _swing(work, stepper, slope)
-    else:
-        moved = clip(state.clock / state.duration, 0.0, 1.0)
-        dcm = _transfer(work, stepper, moved)
-    state.floor = _com(work, stepper, moved, slope, dcm)
-    _feet(state, slope, wanted)
+    dcm = _swing(work, stepper, slope) if state.single else _transfer(work, stepper)
+    _replace_com(work, stepper, slope, dcm)
+    _replace_feet(state, slope, wanted)
 
 
 @compiled
@@ -171,10 +166,8 @@ def _swing(work: Workspace, stepper: Stepper, slope: tuple[float, float]) -> Arr
         plan_step(work, stepper)
     duration = max(rest * state.factor, 1e-4)
     to_x, to_y = reach[0] + state.step[0], reach[1] + state.step[1]
-    target = shift.copy()
-    target[:2] += state.step
-    planned = stepper.slope[0] * state.step[0] + stepper.slope[1] * state.step[1]
-    target[2] = shift[2] + slope[0] * to_x + slope[1] * to_y + planned
+    x, y, z = landing_shift(state, stepper.slope)
+    target = x, y, z + slope[0] * to_x + slope[1] * to_y
     quintic_tick(state.swing, target, duration, stepper.tick)
     state.sag = SAG * max(math.hypot(to_x, to_y) - math.hypot(reach[0], reach[1]), 0.0)
     tau, ramp = stepper.omega * duration, ramp_share(stepper.omega * state.double)
@@ -182,49 +175,46 @@ def _swing(work: Workspace, stepper: Stepper, slope: tuple[float, float]) -> Arr
 
 
 @compiled
-def _transfer(work: Workspace, stepper: Stepper, moved: float) -> Array:
+def _transfer(work: Workspace, stepper: Stepper) -> Array:
     """Double support: measure the shift of the landed foot, and adapt the duration.
 
     Returns the DCM's reference, in world, shape (2,) [m].
     """
     state: SteppingState = work.stepping[0]
     body, wanted, landed = work.body, work.wanted, 1 - state.stance
-    old, new = state.shift[state.stance], state.shift[landed]
+    new = state.shift[landed]
     if state.touches[landed] > 0 and state.waited == 0.0:
         new[:2] = body.com[:2] + body.feet[landed].place[:2] - wanted.foot_position[landed, :2]
         floor = stepper.table.foot_position[-1, landed, 2]
         new[2] = step_up(work, stepper.slope, landed, floor)
     tau = stepper.omega * max((state.duration - state.clock) * state.factor, 1e-4)
-    here = old[:2] + moved * (new[:2] - old[:2])
-    dcm = dcm_ahead(state, stepper, tau) + (here + (new[:2] - here) * (1.0 - ramp_share(tau)))
+    here, dcm = carried_shift(state), dcm_ahead(state, stepper, tau)
+    for axis in range(2):
+        dcm[axis] += here[axis] + (new[axis] - here[axis]) * (1.0 - ramp_share(tau))
     ahead = turned_axes(expected_dcm(work, stepper.omega) - dcm, state.heading[0], state.heading[1])[0]
     state.factor = 1.0 / (1.0 + clip((ahead / stepper.size - HASTE_FROM) / HASTE, 0.0, 1.0))
     return dcm
 
 
 @compiled
-def _com(work: Workspace, stepper: Stepper, moved: float, slope: tuple[float, float], dcm: Array) -> float:
-    """Replace the COM's reference: horizontally by the DCM, vertically over the floor.
-
-    ``moved`` is the share of the way from one foot's shift to the other's. Returns the floor's height [m].
-    """
+def _replace_com(work: Workspace, stepper: Stepper, slope: tuple[float, float], dcm: Array) -> None:
+    """Replace the COM's reference: horizontally by the DCM, vertically over the floor."""
     state: SteppingState = work.stepping[0]
     wanted, curves, com, omega = work.wanted, stepper.curves, work.body.com, stepper.omega
     i, part = phase_interval(state, stepper)
-    old, new = state.shift[state.stance], state.shift[1 - state.stance]
+    shift = carried_shift(state)
     for axis in range(2):
-        shift = old[axis] + moved * (new[axis] - old[axis])
-        r = (1.0 - part) * curves.r[i, axis] + part * curves.r[i + 1, axis] + shift
-        error = com[axis] - wanted.com[axis] - shift
-        wanted.com[axis] += shift + error - clip(error, -CLOSE * stepper.size, CLOSE * stepper.size)
+        r = (1.0 - part) * curves.r[i, axis] + part * curves.r[i + 1, axis] + shift[axis]
+        error = com[axis] - wanted.com[axis] - shift[axis]
+        wanted.com[axis] += shift[axis] + error - clip(error, -CLOSE * stepper.size, CLOSE * stepper.size)
         wanted.com_velocity[axis] = omega * (dcm[axis] - wanted.com[axis])
         wanted.com_acceleration[axis] = omega * omega * (wanted.com[axis] - r)
         wanted.moment[axis] *= state.rate
-    floor = old[2] + moved * (new[2] - old[2])
-    goal = floor - state.sag
+    state.floor = shift[2]
+    goal = state.floor - state.sag
     if state.single:
         for axis in range(2):
-            goal += slope[axis] * (com[axis] - wanted.foot_position[state.stance, axis] - old[axis])
+            goal += slope[axis] * (com[axis] - wanted.foot_position[state.stance, axis] - shift[axis])
     climb = slope[0] * work.tasks.rates[0] + slope[1] * work.tasks.rates[1]
     rise = HEIGHT_RATE**2 * (goal - state.height[0]) + 2.0 * HEIGHT_RATE * (climb - state.height[1])
     state.height[0] += stepper.tick * (state.height[1] + 0.5 * stepper.tick * rise)
@@ -232,11 +222,10 @@ def _com(work: Workspace, stepper: Stepper, moved: float, slope: tuple[float, fl
     wanted.com[2] += state.height[0]
     wanted.com_velocity[2] += state.height[1]
     wanted.com_acceleration[2] += rise
-    return floor
 
 
 @compiled
-def _feet(state: SteppingState, slope: tuple[float, float], wanted: Any) -> None:
+def _replace_feet(state: SteppingState, slope: tuple[float, float], wanted: Any) -> None:
     """Replace the reference of both feet: their shifts, the floor's tilt."""
     swing, turn = 1 - state.stance, (slope[1], -slope[0], 0.0)
     for foot in range(2):

@@ -6,7 +6,7 @@ compared with the plan as it stood at t - lead.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from ampm.exceptions import InputError
 from ampm.geometry import Array, blocks
 from ampm.planner.centroidal import PlanSample
-from ampm.planner.contacts import Contacts
 from ampm.planner.newton import ALLOWED, check_newton, zmp_of_com
-from ampm.stepping.tracker import repeated, walks_on
+from ampm.stepping.phases import Phases, forecast
 from ampm.walk import WalkPlan
 
 SAME = 1e-9  # time before an instant that counts as the instant [s]
@@ -60,8 +59,8 @@ class PlanRows(PlanSample):
 
     def without_plan(self, stance: NDArray[np.int8]) -> PlanRows:
         """NaN for all that is planned, and what stands, shape (N,), in place of the planned stance."""
-        known = {"time": self.time, "stance": stance, "phase": (stance == 2).astype(np.int8)}
         unknown = {name: np.full(values.shape, np.nan) for name, values in vars(self).items()}
+        known = {"time": self.time, "stance": stance, "phase": (stance == 2).astype(np.int8)}
         return PlanRows(**unknown | known)
 
     def at(self, times: Array) -> PlanRows:
@@ -185,87 +184,35 @@ class Followed:
     def _stepping(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:
         """The stabiliser's plan at ``times``, as it was at the last tick up to ``made``, both (M,) [s].
 
-        It is the plan of the phase, at the phase's own clock and moved with the feet that stand. Nothing in
-        it follows the COM: the reference that the controller tracks (:func:`ampm.stepping.walker.advance`)
-        lets the COM's error fade and gives another acceleration. No support is planned.
+        It is the plan of the phase, at the phase's own clock and moved with the feet. It has no support, and
+        no footsteps ahead.
         """
-        plan, contacts, every = frozen.plan, frozen.plan.contacts, np.arange(len(times))
-        goes_on = walks_on(contacts, frozen.rows.com_velocity[-1])
+        plan, every = frozen.plan, np.arange(len(times))
         state = self.stepped[_last(self.stepped["time"], made)].view(np.recarray)
-        _go_ahead(state, times, contacts, goes_on)
-        phase, way = repeated(contacts, state.phase, goes_on)
-        clock = np.minimum(state.clock, np.diff(contacts.switches)[phase])
-        columns = dict(vars(frozen.rows.at(contacts.starts[phase] + clock)))
-        stance, swings, rate = state.stance, np.flatnonzero(state.single), state.rate[:, None]
-        foot = 1 - stance[swings]
-        feet, ahead = state.shift + way[:, None], state.shift + way[:, None]  # now, and of the next footsteps
-        feet[swings, foot] = state.swing[swings, 0] + way[swings]
-        ahead[swings, foot] = _target(state, contacts.slope)[swings] + way[swings]
-        feet += columns["feet"].reshape(-1, 2, 3)
-        # Horizontally the COM moves with the feet that stand; its height has a state of its own.
-        transfer = (state.shift[every, 1 - stance] - state.shift[every, stance])[:, :2]
-        transfer[swings] = 0.0
-        base = (way + state.shift[every, stance])[:, :2] + (state.clock / state.duration)[:, None] * transfer
-        com, velocity = columns["com"].copy(), rate * columns["com_velocity"]
-        com[:, :2] += base
-        com[:, 2] += way[:, 2] + state.height[:, 0]
-        velocity[:, :2] += rate / state.duration[:, None] * transfer
-        velocity[:, 2] += state.height[:, 1]
-        heading, omega = columns["headings"][every, stance], np.sqrt(plan.gravity / plan.com_height)
-        moved = {
-            "time": times.copy(),
-            "phase": (~state.single).astype(np.int8),
-            "stance": np.where(state.single, stance, 2).astype(np.int8),
-            "com": com,
-            "com_velocity": velocity,
-            "dcm": (com + velocity / omega)[:, :2],
-            "zmp": columns["zmp"] + base,
-            "floor": np.where(state.single, feet[every, stance, 2], feet[:, :, 2].mean(axis=1)),
-            "force": plan.mass * (columns["com_acceleration"] + [0.0, 0.0, plan.gravity]),
-            "moment": rate * columns["moment"],
-            "left_placement": columns["left_placement"] + ahead[:, 0, :2],
-            "right_placement": columns["right_placement"] + ahead[:, 1, :2],
-            "heading": heading,
-            "feet": feet.reshape(-1, 6),
-            "headings": np.column_stack([heading, heading]),
-            "zmp_margin": np.full(len(times), np.nan),
-        }
-        return PlanRows(**columns | moved)
-
-
-def _go_ahead(state: Any, times: Array, contacts: Contacts, goes_on: bool) -> None:
-    """Let states of the stabiliser go on to ``times`` (M,) [s], each foot landing where it is sent.
-
-    Replaced are entries of :class:`~ampm.control.workspace.SteppingState`, shape (M,). After the present
-    phase come the next ones of the plan; one that goes on after its end repeats its last two steps.
-    """
-    left, begun, spans = times - state.time, state.clock.copy(), np.diff(contacts.switches)
-    while True:
-        rest = (state.duration - state.clock) / state.rate
-        over = np.flatnonzero((left > rest) & ((state.phase + 1 < len(spans)) | goes_on))
-        if not over.size:
-            break
-        left[over] -= rest[over]
-        landed = over[state.single[over]]
-        state.shift[landed, 1 - state.stance[landed]] = _target(state[landed], contacts.slope)
-        state.phase[over] += 1
-        phase, _ = repeated(contacts, state.phase[over], goes_on)
-        state.single[over] = contacts.kind_codes[phase] == 0
-        state.stance[over] = np.where(state.single[over], contacts.stance_codes[phase], state.stance[over])
-        state.rate[over], state.clock[over], state.step[over], begun[over] = 1.0, 0.0, 0.0, 0.0
-        state.duration[over] = spans[phase]
-        state.swing[over, 0] = state.shift[over, 1 - state.stance[over]]
-    state.clock[:] = np.minimum(state.clock + state.rate * left, state.duration)
-    swung = (state.clock - begun) / np.maximum(state.duration - begun, 1e-9)
-    state.swing[:, 0] += swung[:, None] * (_target(state, contacts.slope) - state.swing[:, 0])
-
-
-def _target(state: Any, slope: tuple[float, float]) -> Array:
-    """Shift with which the swing foot is to land: the standing foot's plus the step, shape (M, 3) [m]."""
-    target = state.shift[np.arange(len(state)), state.stance]
-    target[:, :2] += state.step
-    target[:, 2] += state.step @ slope
-    return target
+        phases = Phases.of(plan.contacts, frozen.rows.com_velocity[-1])
+        at, feet_shift, com_shift, com_rate = forecast(state, phases, times)
+        rows, rate = frozen.rows.at(at), state.rate[:, None]
+        feet = rows.feet.reshape(-1, 2, 3) + feet_shift
+        com, velocity = rows.com + com_shift, rate * rows.com_velocity + com_rate
+        heading, omega = rows.headings[every, state.stance], np.sqrt(plan.gravity / plan.com_height)
+        return replace(
+            rows,
+            time=times.copy(),
+            phase=(~state.single).astype(np.int8),
+            stance=np.where(state.single, state.stance, 2).astype(np.int8),
+            com=com,
+            com_velocity=velocity,
+            dcm=(com + velocity / omega)[:, :2],
+            zmp=rows.zmp + com_shift[:, :2],
+            floor=np.where(state.single, feet[every, state.stance, 2], feet[:, :, 2].mean(axis=1)),
+            force=plan.mass * (rows.com_acceleration + np.array([0.0, 0.0, plan.gravity])),
+            moment=rate * rows.moment,
+            left_placement=np.full((len(times), 2), np.nan),
+            right_placement=np.full((len(times), 2), np.nan),
+            feet=feet.reshape(-1, 6),
+            headings=np.column_stack([heading, heading]),
+            zmp_margin=np.full(len(times), np.nan),
+        )
 
 
 def _last(instants: Array, times: Array) -> NDArray[np.intp]:
