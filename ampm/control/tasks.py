@@ -63,14 +63,12 @@ def _stance(work: Workspace, i: int, rotation: Vector, rates: Array, acceleratio
     ``vd + wd x r + w x (w x r)``.
     """
     gains, foot, lines = work.gains, work.body.feet[i], work.contact.lines[i]
-    heel, ball, last = lines[HEEL], lines[BALL], work.contact.last[i]
+    heel, ball = lines[HEEL], lines[BALL]
     velocity, omega = vector(rates[0:3]), vector(rates[3:6])
     # A foot that has not yet taken its load is pressed down, otherwise it would bounce.
     press = 1.0 - max(heel.opening, ball.opening) if lines.planned.any() else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
-    # A sole turns on a floor that yields as its load moves, see `_vertical`; an impact is not repeated.
-    same = (lines.touching == last.touching).all()
-    share = gains.stance_yield if same and _is_held(last) else 0.0
+    share, vertical_share = _yield_shares(gains, lines, work.contact.last[i], press)
     yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
     put(foot.turning, omega)
     holds = lines.planned | lines.touched
@@ -85,7 +83,9 @@ def _stance(work: Workspace, i: int, rotation: Vector, rates: Array, acceleratio
         pivot = minus(_middle(work.body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
-    down = _vertical(work, i, press, damping, speed[2], share)
+    down = -damping * (speed[2] + press * (gains.touchdown_velocity + foot.hurry))
+    down = (1.0 - vertical_share) * down + vertical_share * (speed[2] - foot.speed) * gains.frequency
+    foot.speed = speed[2]
     still = -damping * speed[0], -damping * speed[1], down
     put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
     put(acceleration[3:6], turning)
@@ -123,30 +123,21 @@ def _rolling(
 
 
 @compiled
-def _vertical(work: Workspace, i: int, press: float, damping: float, speed: float, share: float) -> float:
-    """Wanted vertical acceleration of the line that holds the foot [m/s^2].
+def _yield_shares(gains: Any, lines: Any, last: Any, press: float) -> tuple[float, float]:
+    """Shares of the actual acceleration in the command: of a sole's turning, and of its vertical motion [1].
 
-    The floor yields under a foot that takes its load. On any floor, a commanded acceleration that differs
-    from the actual one gives a force that differs from the commanded one. So the command contains a share
-    of the actual acceleration.
-
-    Args:
-        work: the foot's state at the last tick is replaced.
-        i: the foot.
-        press: share of its load that the foot has still to take, 1 ... 0.
-        damping: towards the touch-down velocity [1/s].
-        speed: of the line [m/s].
-        share: least share of the actual acceleration in the command [1].
+    The floor yields under a foot, most as it takes its load: ``press`` is the share of its load that it has
+    still to take, 1 ... 0. On any floor, a commanded acceleration that differs from the actual one gives a
+    force that differs from the commanded one. But an impact is not repeated: nothing yields as a foot comes
+    to be held, no turning where a line begins or ceases to touch, no sinking where heel or ball begins or
+    ceases to hold, or where nothing touches.
     """
-    gains, foot = work.gains, work.body.feet[i]
-    lines, last = work.contact.lines[i], work.contact.last[i]
-    asked = -damping * (speed + press * (gains.touchdown_velocity + foot.hurry))
-    same = last[HEEL].touched == lines[HEEL].touched and last[BALL].touched == lines[BALL].touched
-    if same and lines.touching.any() and _is_held(last):
-        share = max(share, press * gains.landing_yield)
-        asked = (1.0 - share) * asked + share * (speed - foot.speed) * gains.frequency
-    foot.speed = speed
-    return asked
+    if not _is_held(last):
+        return 0.0, 0.0
+    turning = gains.stance_yield if (lines.touching == last.touching).all() else 0.0
+    same_hold = last[HEEL].touched == lines[HEEL].touched and last[BALL].touched == lines[BALL].touched
+    sinks = same_hold and lines.touching.any()
+    return turning, max(turning, press * gains.landing_yield) if sinks else 0.0
 
 
 @compiled
