@@ -5,11 +5,11 @@ import numpy as np
 from ampm.body.rigid_body import Link, Records
 from ampm.compiled import compiled
 from ampm.geometry import Array
-from ampm.vectors import cross, dot, put, vector
+from ampm.vectors import Vector, cross, dot, put, vector
 
 
 @compiled
-def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist: Array, rate: Array) -> None:
+def respond(tree: Records, armature: Array, link: Records, velocity: Vector, rate: Vector) -> Array:
     """How hinges follow a change of the root's motion while their torques stay as they are.
 
     Articulated inertias are summed inwards, then the motions outwards (Featherstone, 1983), all about O.
@@ -18,12 +18,16 @@ def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist
         tree: of the body.
         armature: of every coordinate, shape (nv,) [kg m^2].
         link: placed, with its inertia.
-        inertia: of the links, overwritten, shape (nv - 5, 6, 6).
-        twist: changes of the velocity of what is at O, and of the rate, shape (nv - 5, 6) [m/s, rad/s]; the
-            root's is given, those of the links are written.
-        rate: changes of the hinges' rates, written, shape (nv - 6,) [rad/s].
+        velocity: change of the root's velocity at O, in world [m/s].
+        rate: change of its rate, in world [rad/s].
+
+    Returns:
+        Changes of the hinges' rates, shape (nv - 6,) [rad/s].
     """
-    axis, push = np.empty((len(tree), 6)), np.empty((len(tree), 6))
+    axis, push, twist = np.empty((len(tree), 6)), np.empty((len(tree), 6)), np.empty((len(tree), 6))
+    inertia, change = np.empty((len(tree), 6, 6)), np.empty(len(tree) - 1)
+    put(twist[0, 0:3], velocity)
+    put(twist[0, 3:6], rate)
     for i in range(len(tree)):
         here = link[i]
         put(axis[i, 0:3], cross(vector(here.place), vector(here.axis)))
@@ -39,8 +43,9 @@ def respond(tree: Records, armature: Array, link: Records, inertia: Array, twist
         push[i] *= share
     for i in range(1, len(tree)):
         base = twist[tree[i].parent]
-        rate[i - 1] = -(push[i] * base).sum()
-        twist[i] = base + rate[i - 1] * axis[i]
+        change[i - 1] = -(push[i] * base).sum()
+        twist[i] = base + change[i - 1] * axis[i]
+    return change
 
 
 @compiled

@@ -51,11 +51,6 @@ class Filter(NamedTuple):
     # mean square of what its readings added to its acceleration lately [(rad/s^2)^2]
     rate_error: Annotated[Array, (1,)]
     angle_error: Annotated[Array, ("nu",)]  # the same of the hinges [(rad/s^2)^2]
-    # change of motion of root and links that was not commanded [m/s, rad/s]
-    twist: Annotated[Array, ("1 + nu", 6)]
-    response: Annotated[Array, ("nu",)]  # what it changes the rates of the hinges by [rad/s]
-    inertia: Annotated[Array, ("1 + nu", 6, 6)]  # of the links, see respond
-    armature: Array  # of every coordinate, (nv,) [kg m^2]
     # place, velocity, attitude, biases, points, offsets, IMU [m, m/s, rad, rad/s, m/s^2, m]
     x: Annotated[Array, ("X",)]
     covariance: Array  # of x, (X, X)
@@ -82,6 +77,7 @@ class Filter(NamedTuple):
     begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]
     read: Annotated[Array, (1,)]  # time of the last readings [s]
     tree: Any  # of the body
+    armature: Array  # of every coordinate, (nv,) [kg m^2]
     points: Any  # frames of the sole points
     wrenches: bool  # whether force and contact are those that the wrenches of the feet give
     joint_error: Array  # of the commanded accelerations of the hinges, at least, (nu,) [rad/s^2]
@@ -142,10 +138,11 @@ def predict(f: Filter, last: float, period: float) -> None:
     commanded = np.zeros(f.commanded.shape[1])
     for n in range(len(f.commanded)):
         commanded += acting_time(f, n, last, last + period) / period * f.commanded[n]
-    force = predict_root(f, commanded, period)
+    turning = predict_rate(f, commanded, period)
+    force, pushed = predict_root(f, commanded, period)
     sum_inertia(f.tree, f.link)
-    respond(f.tree, f.armature, f.link, f.inertia, f.twist, f.response)
-    predict_joints(f, commanded, period)
+    response = respond(f.tree, f.armature, f.link, pushed, turning)
+    predict_joints(f, commanded, response, period)
     propagate(f, period, force, f.covariance)
     propagate(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
@@ -158,15 +155,16 @@ def predict(f: Filter, last: float, period: float) -> None:
 
 
 @compiled
-def predict_joints(f: Filter, commanded: Array, period: float) -> None:
+def predict_joints(f: Filter, commanded: Array, response: Array, period: float) -> None:
     """Angle and rate of every hinge, by the commanded acceleration and two sensors.
 
-    Where the root moves otherwise than commanded, the hinges follow it at the commanded torques.
+    Where the root moves otherwise than commanded, the hinges follow it at the commanded torques: their rates
+    change by ``response``, shape (nu,) [rad/s].
     """
     shift = period * (0.5 * period + f.lag)  # of the angle by an acceleration
     for j in range(len(f.joint_rate)):
         start, covariance = f.joint_rate[j], f.joint_covariance[j]
-        acceleration = commanded[6 + j] + f.response[j] / period
+        acceleration = commanded[6 + j] + response[j] / period
         angle, rate = f.q[7 + j] + period * start + shift * acceleration, start + period * acceleration
         error, predicted = max(f.joint_error[j] ** 2, f.angle_error[j]), rate
         # Variances of angle (aa) and rate (rr), and their covariance.
@@ -184,44 +182,46 @@ def predict_joints(f: Filter, commanded: Array, period: float) -> None:
 
 
 @compiled
-def predict_root(f: Filter, commanded: Array, period: float) -> Vector:
+def predict_rate(f: Filter, commanded: Array, period: float) -> Vector:
+    """Correct the root's rate by the gyro; its change that was not commanded, in world axes [rad/s]."""
+    f.rate_variance[0] += max(RATE_ERROR**2, f.rate_error[0]) * period**2
+    gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
+    f.rate_variance[0] *= 1.0 - gain
+    rate = plus(vector(f.rate), times(period, vector(commanded[3:6])))
+    change = times(gain, minus(unbiased(f, f.gyro, GYRO), rate))
+    added = dot(change, change) / (3.0 * period**2)
+    f.rate_error[0] += min(1.0, period / MEMORY) * (added - f.rate_error[0])
+    put(f.rate, plus(rate, change))
+    return turned(f.turn, change)
+
+
+@compiled
+def predict_root(f: Filter, commanded: Array, period: float) -> tuple[Vector, Vector]:
     """Attitude by the gyro, velocity and place by the accelerometer.
 
     The filtered rate does not turn the root: a body whose COM is a millimetre off turns otherwise than
     commanded, and the mean of that rate is wrong.
 
     Returns:
-        Acceleration less gravity, in world axes [m/s^2].
+        Acceleration less gravity [m/s^2], and change of velocity that was not commanded [m/s], in world axes.
     """
-    f.rate_variance[0] += max(RATE_ERROR**2, f.rate_error[0]) * period**2
-    gain = f.rate_variance[0] / (f.rate_variance[0] + f.variance[2])
-    f.rate_variance[0] *= 1.0 - gain
-    start = vector(f.rate)
-    rate = plus(start, times(period, vector(commanded[3:6])))
-    read = from_imu(f, minus(vector(f.gyro), vector(f.x[GYRO:ACCELEROMETER])))
-    change = times(gain, minus(read, rate))
-    added = dot(change, change) / (3.0 * period**2)
-    f.rate_error[0] += min(1.0, period / MEMORY) * (added - f.rate_error[0])
-    put(f.twist[0, 3:6], turned(f.turn, change))
-    put(f.rate, plus(rate, change))
-    start = from_imu(f, minus(vector(f.gyro_before), vector(f.x[GYRO:ACCELEROMETER])))
-    mean = plus(times(0.5, plus(start, read)), times(f.lag / period, minus(read, start)))
+    start, end = unbiased(f, f.gyro_before, GYRO), unbiased(f, f.gyro, GYRO)
+    mean = plus(times(0.5, plus(start, end)), times(f.lag / period, minus(end, start)))
     turn_root(f, times(0.5 * period, mean))
-    felt = minus(vector(f.accelerometer), vector(f.x[ACCELEROMETER:POINTS]))
-    force = turned(f.turn, from_imu(f, felt))
+    force = turned(f.turn, unbiased(f, f.accelerometer, ACCELEROMETER))
     turn_root(f, times(0.5 * period, mean))
     acceleration, velocity = plus(force, (0.0, 0.0, -f.gravity)), vector(f.x[VELOCITY:TILT])
     moving = plus(turned(f.turn, vector(commanded[0:3])), cross(turned(f.turn, vector(f.rate)), velocity))
-    put(f.twist[0, 0:3], times(period, minus(acceleration, moving)))
     way = plus(times(period, velocity), times(period * (0.5 * period + f.lag), acceleration))
     put(f.x[0:3], plus(vector(f.x[0:3]), way))
     put(f.x[VELOCITY:TILT], plus(velocity, times(period, acceleration)))
-    return force
+    return force, times(period, minus(acceleration, moving))
 
 
 @compiled
-def from_imu(f: Filter, a: Vector) -> Vector:
-    """A vector that the IMU has read, in the axes of the root."""
+def unbiased(f: Filter, read: Array, bias: int) -> Vector:
+    """A reading of the IMU less its bias, whose place in x is given, in the axes of the root."""
+    a = minus(vector(read), vector(f.x[bias : bias + 3]))
     return plus(a, cross(vector(f.x[f.imu : f.imu + 3]), a)) if f.imu else a
 
 

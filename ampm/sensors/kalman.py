@@ -72,7 +72,7 @@ class Kalman:
         commanded[robot.toe_joints] = _TOE_ERROR
         self.filter = f = zeros_of(
             Filter,
-            {"nu": nu, "1 + nu": 1 + nu, "P": points, "X": len(growth)},
+            {"nu": nu, "P": points, "X": len(growth)},
             q=np.array(start.q),
             armature=robot.rigid_body.armature,
             covariance=np.diag(start_errors**2),
