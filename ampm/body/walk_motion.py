@@ -229,27 +229,14 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     gains, nodes = run.controller, _INTERVALS + 1
     ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])  # that turn sidewards
     ankles &= (np.abs(robot.jacobian(posture.q).jacobian[[9, 15], 6:]) > math.sqrt(0.5)).any(axis=0)
-    ik = InverseKinematics(
-        robot,
-        run.replace(
-            {
-                "body.angular_momentum_z": "free",
-                "body.pelvis_list": 0.0,
-                "body.pelvis_rotation": 0.0,
-                "body.posture_stiffness": min(max(gains.posture_stiffness, 1.0), _FASTEST**2),
-                "body.posture_damping": min(max(gains.posture_damping, 1.0), _FASTEST),
-            }
-        ),
-    )
-    *phases, last = plan.contacts.phases
-    counts = [math.ceil(phase.duration / _PIECE) for phase in phases]
-    stance = np.repeat(plan.contacts.stance_codes[:-1], counts)
-    begins = [p.start + p.duration * np.arange(n) / n for p, n in zip(phases, counts, strict=True)]
-    edges = np.append(np.concatenate(begins), last.start)
+    upright = {"body.angular_momentum_z": "free", "body.pelvis_list": 0.0, "body.pelvis_rotation": 0.0}
+    soft = {
+        "body.posture_stiffness": min(max(gains.posture_stiffness, 1.0), _FASTEST**2),
+        "body.posture_damping": min(max(gains.posture_damping, 1.0), _FASTEST),
+    }
+    ik = InverseKinematics(robot, run.replace(upright | soft))
+    edges, stance, time = _pieces(plan)
     length = np.diff(edges)
-    time = edges[:-1, None] + length[:, None] * np.linspace(0.0, 1.0, nodes)
-    time[:, -1] -= 1e-9  # before a foot lifts
-    time = time.ravel()
     heading, rate_of_heading, acceleration = posture.heading(0.5 * (edges[1:] + edges[:-1]))
     # The pull of a posture at rest lags.
     lead = (ik.body.damping * rate_of_heading + acceleration) / ik.body.stiffness
@@ -291,6 +278,17 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
         tilts[k] = tilt
     gaps = robot.gaps(np.concatenate(configurations))
     return _WalkMotion(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
+
+
+def _pieces(plan: StepPlan) -> tuple[Array, Array, Array]:
+    """Pieces of a walk up to its last stop: edges (K + 1,) [s], stance (K,), instants of all (T,) [s]."""
+    *phases, last = plan.contacts.phases
+    counts = [math.ceil(phase.duration / _PIECE) for phase in phases]
+    begins = [p.start + p.duration * np.arange(n) / n for p, n in zip(phases, counts, strict=True)]
+    edges = np.append(np.concatenate(begins), last.start)
+    time = edges[:-1, None] + np.diff(edges)[:, None] * np.linspace(0.0, 1.0, _INTERVALS + 1)
+    time[:, -1] -= 1e-9  # before a foot lifts
+    return edges, np.repeat(plan.contacts.stance_codes[:-1], counts), time.ravel()
 
 
 def _upright(
