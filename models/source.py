@@ -33,6 +33,8 @@ _COLLADA_UNIT = re.compile(rb'<unit [^>]*meter="([^"]+)"')
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COLLADA, row vectors to z upwards
 MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
 _LARGEST = 1e4  # of a model's numbers, in SI units
+_SIZES = ("body_mass", "body_inertia")  # numbers of 0 or more, as are those of passive joints
+_PASSIVE = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
 Sides = Annotated[tuple[str, str], Field(strict=False)]  # also a list
@@ -192,19 +194,19 @@ def _check_numbers(model: mujoco.MjModel) -> None:
     if not model.njnt:
         raise ValueError("it has no joints")
     for what, fields in (
-        ("body", ("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat")),
-        ("joint", ("jnt_axis", "jnt_pos", "jnt_range", "dof_damping", "dof_frictionloss")),
+        ("body", (*_SIZES, "body_pos", "body_quat", "body_ipos", "body_iquat")),
+        ("joint", ("jnt_axis", "jnt_pos", "jnt_range", *_PASSIVE)),
     ):
         for name in fields:
-            values = getattr(model, name)
-            large = ~(np.abs(values) <= _LARGEST).reshape(len(values), -1).all(axis=1)
-            if large.any():
-                row = int(large.argmax())
+            values, least = getattr(model, name), 0.0 if name in _SIZES + _PASSIVE else -_LARGEST
+            wrong = ~((least <= values) & (values <= _LARGEST)).reshape(len(values), -1).all(axis=1)
+            if wrong.any():
+                row = int(wrong.argmax())
                 thing = getattr(model, what)(int(model.dof_jntid[row]) if name.startswith("dof") else row)
                 quantity = name.partition("_")[2]
                 value = ", ".join(f"{number:g}" for number in np.ravel(getattr(thing, quantity)))
                 told = f"{quantity} of the {what} {thing.name!r} is {value}"
-                raise ValueError(f"{told} and must be a number of at most {_LARGEST:g} in SI units")
+                raise ValueError(f"{told} and must be a number of {least:g} to {_LARGEST:g} in SI units")
 
 
 def _readable_urdf(tree: ET.Element) -> dict[str, float]:
