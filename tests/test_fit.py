@@ -202,7 +202,7 @@ def test_a_fall_is_flagged_and_the_strides_before_it_are_fitted():
         table[f"force_{axis}"] *= 1.0 - falls
     table["com_z"] *= 1.0 - 0.7 * falls
     fit = val.fit_log(table, mass=MASS)
-    assert len(fit.strides) == 5
+    assert len(fit.strides) == 4
     assert max(distances(fit, GaitParameters()).values()) < 1.5
     (flag,) = (note for note in fit.notes if "the body falls" in note)
     assert 7.5 < float(flag.split()[1]) < 8.0

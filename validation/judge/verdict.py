@@ -213,7 +213,7 @@ def judge(
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
-        reason += f" {checks} checks of the measurement were not made."
+        reason += f" Checks of the measurement that were not made: {checks}."
     if profile.name != DEFAULT.name:
         reason += f" Profile: {profile.name}."
     return Verdict(verdict, profile.name, reason, tuple(results))
@@ -253,7 +253,7 @@ def _conclude(
     if log is not None and (empty := log.get("empty", 0.0)) > _LEFT_OUT:
         lacks.append(f"the angular momentum is empty in {empty:.1%} of the rows")
     if log is not None and log.get("beside") and log["steps"] < log["planned_steps"]:
-        lacks.append(f"{log['beside']} steps of the log are before or after the part that is like the plan")
+        lacks.append(f"the part that is like the plan lacks {log['beside']} of the log's steps")
     if log is not None and log.get("steps") == 0:
         lacks.append("no step of the plan is whole")
     if lacks and log is not None and passed and not undecided:

@@ -5,6 +5,7 @@ A table has one row per instant, in SI units: x in the walking direction, y to t
 :data:`COLUMNS`. An empty cell was not measured.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -72,8 +73,8 @@ _LONGEST = 3600.0  # longest gap between two rows: a clock that is set later jum
 _OVER = 0.5  # time over which the vertical force is averaged to find a fall [s]
 _CARRIED = 0.85  # least such mean, as a share of the usual one: less is a fall [1]
 _RATIO = 2.0  # most ratio of mean vertical force and weight: more is another unit or body [1]
-_FARTHEST = 1000.0  # largest coordinate of a place: more is another unit [m]
-_FASTEST = 15.0  # speed of a belt: more is another unit [m/s]
+_FARTHEST = 1000.0  # largest distance of a place from its median: more is another unit [m]
+_FASTEST = 15.0  # speed of a belt or place: more is another unit [m/s]
 _LEAN = 1.0  # most horizontal distance of COM and ZMP over the COM's height: more slips on any floor [1]
 _FILLED = 0.9  # least share of rows with numbers: with less a signal counts as missing [1]
 _LOST = 0.2  # most share of a loaded foot's rows without a COP: with more it is the other foot's COP [1]
@@ -81,6 +82,7 @@ _LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])  # quaternion of axes that are the wor
 _ASIDE = 2.0  # most distance of a foot's sensor from the force: more is another unit [m]
 _CONTRARY = 0.9  # correlation of angular momentum and integrated moment from which both can be compared [1]
 _OTHER_UNIT = 10.0  # ratio of both from which the unit is another [1]
+_MOMENTUM = 0.02  # RMS over weight and height^1.5 above which ten times the expected is no noise [s/sqrt(m)]
 _BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
 _HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
@@ -202,13 +204,14 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
         for axis, values in zip("xy", signals[key].T if key in signals else (), strict=False):
             if np.nanmax(values) == np.nanmin(values):
                 raise InputError(f"{name}: {key}_{axis} is the same in all rows; leave out its columns.")
-    _check_units(signals, name, weight)
+    _check_units(signals, time, name, weight)
     _check_force_line(signals, name, weight)
     _check_sides(signals, name, weight)
-    _check_momentum(signals, time, name)
+    _check_momentum(signals, time, name, weight)
     known = np.asarray(np.isfinite(signals["force"]).all(axis=1))
     light = signals["force"][:, 2] < LEAST_SUPPORT * weight
     if "zmp" in signals:
+        signals["zmp"] = np.where(light[:, None], np.nan, signals["zmp"])  # that of no force is noise
         known = known & (light | np.isfinite(signals["zmp"]).all(axis=1))
     if np.count_nonzero(known) < 3:
         raise InputError(f"{name} has {np.count_nonzero(known)} rows with force and ZMP; give three or more.")
@@ -333,7 +336,7 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             )
 
 
-def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None:
+def _check_units(signals: Mapping[str, Array], time: Array, name: str, weight: float) -> None:
     vertical = signals["force"][:, 2]
     loaded = vertical[vertical >= LOADED * weight]  # after a fall nothing is
     mean = float(np.nanmean(loaded if loaded.size else vertical))
@@ -344,9 +347,13 @@ def _check_units(signals: Mapping[str, Array], name: str, weight: float) -> None
             "judge --set body.mass=...')."
         )
     for key in PLACES & signals.keys():
-        far = float(np.nanmax(np.abs(signals[key]), initial=0.0))
-        if far > _FARTHEST:
-            raise InputError(f"{name}: {key} is up to {far:.4g} m away; give lengths in metres.")
+        places, rows = signals[key], np.searchsorted(time, time[0] + _OVER)
+        far = float(np.nanmax(np.abs(places - np.nanmedian(places, axis=0)), initial=0.0))
+        speeds = np.abs(places[rows:] - places[:-rows]).max(axis=1) / (time[rows:] - time[:-rows])
+        fast = float(np.quantile(speeds[np.isfinite(speeds)], 0.9)) if np.isfinite(speeds).any() else 0.0
+        if far > _FARTHEST or fast > _FASTEST:
+            told = f"{key} is up to {far:.4g} m from its median, and moves at {fast:.3g} m/s"
+            raise InputError(f"{name}: {told}; give lengths in metres.")
 
 
 def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) -> None:
@@ -378,7 +385,7 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
         )
 
 
-def _check_momentum(signals: Mapping[str, Array], time: Array, name: str) -> None:
+def _check_momentum(signals: Mapping[str, Array], time: Array, name: str, weight: float) -> None:
     """Refuse an angular momentum that does not change as the moment of the force says."""
     if not {"com", "zmp", "angular_momentum"} <= signals.keys():
         return
@@ -396,10 +403,12 @@ def _check_momentum(signals: Mapping[str, Array], time: Array, name: str) -> Non
         alike = float(np.corrcoef(expected, given)[0, 1])
         ratio = float(np.linalg.norm(given) / np.linalg.norm(expected))
         way_out = ""
-        if alike < -_CONTRARY:
-            way_out = "give it about the COM in the axes of the forces, x forward, y left, z up"
-        elif alike > _CONTRARY and not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        size = float(np.linalg.norm(momentum[known, axis])) / math.sqrt(given.size)
+        large = size > _MOMENTUM * weight * float(np.nanmedian(height)) ** 1.5
+        if alike > _CONTRARY and not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
             way_out = "give it in N m s"
+        elif alike < -_CONTRARY or (large and ratio > _OTHER_UNIT):
+            way_out = "give it about the COM in the axes of the forces, x forward, y left, z up"
         if way_out:
             change_of = f"changes by {np.copysign(ratio, alike):.4g} times what the moment of the force"
             raise InputError(

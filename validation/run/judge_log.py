@@ -187,8 +187,8 @@ def _aligned(
         "of the plan's weight."
     ]
     if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
-        known = f"{gaps.size} gaps of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
-        notes.append(f"{known}, are left out.")
+        of = f"of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
+        notes.append(f"Gaps that are left out: {gaps.size} {of}.")
     if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
         notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
     if log.unsupported:
@@ -196,16 +196,17 @@ def _aligned(
     whole, spreads = log, []
     if strides:
         log, mean = mean_stride(log, plan)
-        facts["strides"] = mean
+        facts["strides"], many = mean, mean["count"] > 1
         for name, values in mean["spreads"].items():
             factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, log.weight)
             numbers = "/".join(f"{factor * value:.3g}" for value in values)
             spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
         notes.append(
-            f"Mean of {mean['count']} strides of {mean['duration']:.4g} s at {mean['speed']:.3g} m/s, over "
-            f"the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s and "
-            f"{plan.constants.mean_velocity:.3g} m/s. Standard deviation between strides, x/y/z: "
-            f"{', '.join(spreads)}."
+            f"Mean of {mean['count']} stride{'s' * many} of {mean['duration']:.4g} s at {mean['speed']:.3g} "
+            f"m/s, over the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s "
+            f"and {plan.constants.mean_velocity:.3g} m/s."
+            + f" Standard deviation between strides, x/y/z: {', '.join(spreads)}."
+            * many
         )
     else:
         if start is None:
@@ -215,7 +216,7 @@ def _aligned(
             )
             beside = facts["beside"] = steps_beside(log, start - log.time_step, start + plan.duration)
             if beside:
-                notes.append(f"The log takes {beside} steps before and after the plan, which are not judged.")
+                notes.append(f"Steps of the log before and after the plan, which are not judged: {beside}.")
         facts["start"] = start
         time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
