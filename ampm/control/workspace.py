@@ -259,7 +259,8 @@ def make_workspace(
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: QP in U contact forces, then six slacks.
     """
-    feet, points, rows = feet_of(robot), points_of(robot), robot.task_rows
+    feet, points, rows = feet_of(robot), frames_of(robot.model, robot.point_frames, Point), robot.task_rows
+    points["foot"], points["line"] = robot.point_foot, robot.point_group
     body, q = robot.rigid_body._replace(soles=feet), np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
@@ -272,7 +273,7 @@ def make_workspace(
         gains=gains_of(gains),
         extrapolates=gains.hold == "first-order",
         sensed=zeros_of(Sensed, sizes),
-        wanted=wanted_of(row),
+        wanted=Wanted._make(part if part.ndim == 1 else part[0] for part in rows_of(row)),
         body=PlacedBody(
             rigid=body,
             feet=feet,
@@ -306,11 +307,6 @@ def rows_of(rows: NDArray[Any]) -> Any:
     return Wanted._make([smooth, *(rows[name] for name in FIELDS)])
 
 
-def wanted_of(row: NDArray[Any]) -> Any:
-    """:data:`Wanted` of one row of references, shape (1,)."""
-    return Wanted._make(part if part.ndim == 1 else part[0] for part in rows_of(row))
-
-
 def feet_of(robot: Robot) -> Any:
     """The feet of a body."""
     feet, count = frames_of(robot.model, robot.sole_frames, Foot), len(robot.toe_joints)
@@ -319,13 +315,6 @@ def feet_of(robot: Robot) -> Any:
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
     return feet
-
-
-def points_of(robot: Robot) -> Any:
-    """The sole points of a body."""
-    points = frames_of(robot.model, robot.point_frames, Point)
-    points["foot"], points["line"] = robot.point_foot, robot.point_group
-    return points
 
 
 _NUMBERS = [key for key, value in ControllerParameters() if isinstance(value, float)]

@@ -156,7 +156,10 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
         InputError: the heel would rise before the foot stands alone, or after it has left.
     """
     place = np.array([step.position for step in contacts.footsteps])
-    yaw, slope, roll_angle = _headings(contacts), contacts.slope, math.atan(contacts.slope[1])
+    yaw, slope = np.array([step.heading for step in contacts.footsteps]), contacts.slope
+    for first in (0, 1):  # without turns of more than pi from a foot's step to its next one
+        yaw[first::2] = np.unwrap(yaw[first::2])
+    roll_angle = math.atan(slope[1])
     if slope != LEVEL and (yaw.any() or place[:, 2].any()):
         key, value = ("gait.slope", slope[0]) if slope[0] else ("gait.cross_slope", slope[1])
         raise InputError(
@@ -218,14 +221,6 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
     even, odd = _foot_path(segments, 0), _foot_path(segments, 1)
     left, right = (even, odd) if contacts.footsteps[0].foot == "left" else (odd, even)
     return FeetPlan(sole, left, right, contacts.duration, contacts.slope)
-
-
-def _headings(contacts: Contacts) -> Array:
-    """Heading of every footstep, without turns of more than pi from a foot's step to its next one [rad]."""
-    heading = np.array([step.heading for step in contacts.footsteps])
-    for foot in (0, 1):
-        heading[foot::2] = np.unwrap(heading[foot::2])
-    return heading
 
 
 def _swings(

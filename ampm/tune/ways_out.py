@@ -66,8 +66,9 @@ def ways_out(
                 others.append("the body's description")
             way_out = f"change {', '.join(others)}, or take" if others else "take"
             return f"not even a gait with {values} was accepted; {way_out} another body"
-    half = _half(run, found)
-    return f"{_in_words(run, half if half and accepted(half) else found)} (tried and accepted)"
+    closed = {key: value for key, value in found.items() if value is not None}
+    half = {**found, **{key: _rounded(0.5 * (run.value(key) + value)) for key, value in closed.items()}}
+    return f"{_in_words(run, half if closed and accepted(half) else found)} (tried and accepted)"
 
 
 def _single_changes(run: RunParameters, description: BodyDescription) -> Iterator[Change]:
@@ -101,13 +102,6 @@ def _changed(run: RunParameters, change: Change) -> RunParameters:
     values = {key: key_info(key).default if key in opened else value for key, value in change.items()}
     run = run.replace(values)
     return run.giving(run.given - opened)
-
-
-def _half(run: RunParameters, change: Change) -> Change:
-    """Half of a change; empty where no value changes."""
-    values = {key: value for key, value in change.items() if value is not None}
-    half = {key: _rounded(0.5 * (run.value(key) + value)) for key, value in values.items()}
-    return {**change, **half} if values else {}
 
 
 def _in_words(run: RunParameters, change: Change) -> str:

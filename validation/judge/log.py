@@ -22,9 +22,8 @@ _CONSTANT = 1e-3  # standard deviation below which a planned signal is constant 
 _LEAST = 0.5  # correlation up to which a start is a guess [1]
 _ALIKE = 0.995  # share of the largest correlation from which strides fit alike [1]
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
-_RESTS = 0.5  # least force along the floor of a walk at some instants of a step, over the plan's RMS [1]
-_STANDS = 2.0  # most time with less, over the plan's longest step [1]
-_LONG = 1.5  # most duration of a stride, over the median: in a longer one the body stands [1]
+_RESTS = 0.5  # force along the floor that a walk exceeds in every step, over the plan's RMS [1]
+_STANDS = 1.5  # time without such a force over the plan's longest step, or of a stride over the median [1]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 
@@ -69,27 +68,22 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         lambda off: difference(best + off), bounds=(-_GRID, _GRID), method="bounded", options={"xatol": 1e-6}
     )
     start = float(best + finest.x)
-    rows = within(start)
-    push, usual = np.hypot(*measured[rows, :2].T), math.sqrt(2.0 * np.mean(wanted[:, :2] ** 2))
-    walks = np.flatnonzero(push > _RESTS * usual)
-    walks = np.concatenate([[0], walks, [push.size - 1]])
-    lasts = np.diff((log.time - log.lost.cumsum())[rows][walks])
-    if (lasts > _STANDS * np.diff(plan.contacts.step_ends, prepend=0.0, append=plan.duration).max()).any():
-        begin, end = log.time[rows][walks[lasts.argmax() : lasts.argmax() + 2]]
-        raise InputError(
-            f"{log.name} stands, or walks slower than its plan, from {begin:.2f} to {end:.2f} s: the force "
-            f"along the floor is less than {_RESTS * usual:.1%} of the weight; give a log of one walk, "
-            f"a plan that is as short (gait.steps), or its start (--start)." + f" {log.unsupported}".rstrip()
-        )
+    rows, told = np.flatnonzero(within(start)), ""
     one, other = (_centred(values / spread) for values in (measured[rows], planned(log.time[rows] - start)))
     product = float(np.sum(one**2) * np.sum(other**2))
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:
-        raise InputError(
-            f"{log.name} matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and "
-            f"must be more than {_LEAST:g}; give x forward and y left, another plan, or its start (--start)."
-            + f" {log.unsupported}".rstrip()
-        )
+        told = f"matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and must be "
+        told += f"more than {_LEAST:g}; give x forward and y left, another plan"
+    least = _RESTS * math.sqrt(2.0 * np.mean(wanted[:, :2] ** 2))
+    walks = np.concatenate([rows[:1], rows[np.hypot(*measured[rows, :2].T) > least], rows[-1:]])
+    lasts = np.diff((log.time - log.lost.cumsum())[walks])
+    if (lasts > _STANDS * np.diff(plan.contacts.step_ends, prepend=0.0, append=plan.duration).max()).any():
+        begin, end = log.time[walks[lasts.argmax() :][:2]]
+        told = f"stands, or walks slower than the plan, from {begin:.2f} to {end:.2f} s: the force along the "
+        told += f"floor is less than {least:.1%} of the weight; give one walk, a plan as short (gait.steps)"
+    if told:
+        raise InputError(f"{log.name} {told}, or its start (--start)." + f" {log.unsupported}".rstrip())
     return start, correlation
 
 
@@ -175,17 +169,15 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
-    """Strides from one instant to the next [s] that a log has without a gap, with a share of them around.
-
-    Longer ones, in which the body stands, are left out.
-    """
+    """Strides from one instant to the next [s], with a share of them around, without a gap and a stand."""
     gaps, found = np.flatnonzero(np.diff(log.time) > max(1.5 * log.time_step, HOLE)), []
     leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
-        if end - begin > _LONG * np.median(np.diff(taken)):
-            continue
         first, last = begin - margin * (end - begin), end + margin * (end - begin)
-        if log.time[0] <= first and last <= log.time[-1] and not ((returns > first) & (leaves < last)).any():
+        whole = (
+            log.time[0] <= first and last <= log.time[-1] and not ((returns > first) & (leaves < last)).any()
+        )
+        if whole and end - begin <= _STANDS * np.median(np.diff(taken)):
             found.append((begin, end))
     return found
 

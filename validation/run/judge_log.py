@@ -187,8 +187,8 @@ def _aligned(
         "of the plan's weight."
     ]
     if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
-        of = f"of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
-        notes.append(f"Gaps that are left out: {gaps.size} {of}.")
+        of = f"{gaps.size} of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
+        notes.append(f"Gaps that are left out: {of}.")
     if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
         notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
     if log.unsupported:
