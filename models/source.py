@@ -33,7 +33,6 @@ _COLLADA_UNIT = re.compile(rb'<unit [^>]*meter="([^"]+)"')
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # of COLLADA, row vectors to z upwards
 MASSLESS = 1e-13  # of a link: its mass, and a moment of its inertia, is less [kg, kg m^2]
 _LARGEST = 1e4  # of a model's numbers, in SI units
-_SIZES = ("body_mass", "body_inertia")  # numbers of 0 or more, as are those of passive joints
 _PASSIVE = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
@@ -194,11 +193,12 @@ def _check_numbers(model: mujoco.MjModel) -> None:
     if not model.njnt:
         raise ValueError("it has no joints")
     for what, fields in (
-        ("body", (*_SIZES, "body_pos", "body_quat", "body_ipos", "body_iquat")),
+        ("body", ("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat")),
         ("joint", ("jnt_axis", "jnt_pos", "jnt_range", *_PASSIVE)),
     ):
         for name in fields:
-            values, least = getattr(model, name), 0.0 if name in _SIZES + _PASSIVE else -_LARGEST
+            least = -_LARGEST if name.endswith(("pos", "quat", "axis", "range")) else 0.0
+            values = getattr(model, name)
             wrong = ~((least <= values) & (values <= _LARGEST)).reshape(len(values), -1).all(axis=1)
             if wrong.any():
                 row = int(wrong.argmax())

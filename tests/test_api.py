@@ -32,8 +32,6 @@ def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     begin = trial.measured.time[trial.comparison.inside][0]
     assert begin == pytest.approx(0.5, abs=1e-3)  # of the push, in the first step
     folder = pickle.loads(pickle.dumps(trial)).save(tmp_path / "run", recording=False)
-    with pytest.raises(ampm.InputError, match="--force"):
-        trial.save(folder)
     saved = val.load(folder)
     assert saved.summary["disturbances"] == ["push of (20, 0, 0) N on chest from 0.5 s for 0.1 s"]
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()

@@ -146,7 +146,17 @@ class Ground:
             for step, box in enumerate(soles, start=1):
                 if box.height < part.height:
                     side, gap = _apart(part, box)
-                    _refuse_near(step, gap, part.height - box.height)
+                    if not gap >= 2.0 * EDGE - 1e-9:  # for rounding
+                        place = f"is {gap:.4g} m from" if gap >= 0.0 else f"reaches {-gap:.3g} m under"
+                        raise BodilyRefusal(
+                            f"the sole of footstep {step} {place} one that is {part.height - box.height:.3g} "
+                            f"m higher, and an edge of the floor takes {2.0 * EDGE:g} m between them",
+                            reason="no_room_for_edge",
+                            value=gap,
+                            limit=2.0 * EDGE,
+                            unit="m",
+                            way_out="move them apart, or give them the same height",
+                        )
                     _cut(cut, part, side, EDGE)
         return cls(heading, min(z), wide[:, 0], wide[:, 1], np.array([part.height for part in parts]))
 
@@ -193,17 +203,3 @@ def _cut(wide: Array, part: Box, side: tuple[int, int], distance: float) -> None
     """Move one side of a wide box to a distance from the part in it, if it is farther."""
     low, high = part.low[side[1]] - distance, part.high[side[1]] + distance
     wide[side] = min(wide[side], high) if side[0] else max(wide[side], low)
-
-
-def _refuse_near(number: int, gap: float, rise: float) -> None:
-    if not gap >= 2.0 * EDGE - 1e-9:  # for rounding
-        near = f"is {gap:.4g} m from" if gap >= 0.0 else f"reaches {-gap:.3g} m under"
-        raise BodilyRefusal(
-            f"the sole of footstep {number} {near} one that is {rise:.3g} m higher, and an edge of the floor "
-            f"takes {2.0 * EDGE:g} m between them",
-            reason="no_room_for_edge",
-            value=gap,
-            limit=2.0 * EDGE,
-            unit="m",
-            way_out="move them apart, or give them the same height",
-        )

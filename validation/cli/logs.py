@@ -95,7 +95,7 @@ def judge(
         used = [name for name, value in given.items() if not (value is None or value is False)]
         if used:
             said = ", ".join(f"--{name}" for name in used).replace("settings", "set")
-            raise InputError(f"{log} is the folder of a run; {said} is for a table of signals.")
+            raise InputError(f"{log} is the folder of a run; leave out what is for a table: {said}.")
         summary = judge_run(log, profile).summary
         if lacking := ", ".join(sorted({item.name for item in added_metrics()} - summary["metrics"].keys())):
             raise InputError(f"{log} has no values of {lacking}; walk it again with --metric.")

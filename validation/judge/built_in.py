@@ -40,12 +40,6 @@ def _shortfall(walk: Comparison) -> float | None:
     return None if math.isnan(clearance) else max(0.0, CLEARANCE - clearance)
 
 
-def _excess(walk: Comparison) -> float | None:
-    """Share by which a speed exceeds its limit [1]; None for a body without such limits."""
-    margins = walk.costs["margins"]
-    return max(0.0, margins["speed"].value - 1.0) if "speed" in margins else None
-
-
 def _velocity_error(walk: Comparison, part: int) -> float | None:
     """Distance of one part of the mean velocity from the commanded one; None where none was commanded."""
     velocity = walk.costs.get("velocity")
@@ -105,7 +99,9 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "stride_duration_error": lambda walk: None,  # of logs alone, see `judge_log`
     "slip_maximum": _slip,
     "clearance_shortfall": _shortfall,
-    "speed_excess": _excess,
+    "speed_excess": lambda walk: (  # None for a body without such limits
+        max(0.0, walk.costs["margins"]["speed"].value - 1.0) if "speed" in walk.costs["margins"] else None
+    ),
     "velocity_x_error": lambda walk: _velocity_error(walk, 0),
     "velocity_y_error": lambda walk: _velocity_error(walk, 1),
     "yaw_rate_error": lambda walk: _velocity_error(walk, 2),

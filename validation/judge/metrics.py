@@ -195,7 +195,7 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
         return math.nan
     try:
         value = metric.compute(walk)
-        if own and not isinstance(value, Real | np.bool_):
+        if own and (not isinstance(value, Real | np.bool_) or value == -math.inf):
             raise TypeError(f"it returned {str(value)[:40]} of type {type(value).__name__}, not a number")
         return None if value is None else float(value)
     except (Exception, SystemExit) as error:

@@ -83,7 +83,8 @@ _CONTRARY = 0.9  # correlation of angular momentum and integrated moment from wh
 _OTHER_UNIT, _OTHER_POINT = 10.0, 100.0  # ratio of both from which unit, or reference point, is another [1]
 _BIASED = 0.05  # most mean distance of COM and force line over the COM's height: more is another frame [1]
 _CROSSED = -0.5  # correlation of the left foot's load with the ZMP along y: below, the sides are changed [1]
-_HEIGHTS = 0.05, 5.0  # of the COM above the floor [m]
+HEIGHTS = 0.05, 5.0
+"""Least and largest height of the COM over the floor [m]."""
 _FORCES_APART = 0.02  # most difference of forces that are given in two ways, over the weight [1]
 _PLACES_APART = 0.05  # the same of places [m]
 
@@ -132,9 +133,9 @@ class Log(Brief):
 
     def moved(self, by: Array) -> "Log":
         """The same with all places moved on the floor, ``by`` (2,) [m]."""
-        places = {name: values for name, values in self.signals.items() if name in PLACES}
-        places = {name: values + [*by, 0.0][: values.shape[1]] for name, values in places.items()}
-        return replace(self, signals={**self.signals, **places})
+        known = self.signals.items()
+        moved = {name: at + [*by, 0.0][: at.shape[1]] for name, at in known if name in PLACES}
+        return replace(self, signals={**self.signals, **moved})
 
 
 def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[str, Any]:
@@ -350,8 +351,9 @@ def _check_units(signals: Mapping[str, Array], time: Array, name: str, weight: f
         speeds = np.abs(places[rows:] - places[:-rows]).max(axis=1) / (time[rows:] - time[:-rows])
         fast = float(np.quantile(speeds[np.isfinite(speeds)], 0.9)) if np.isfinite(speeds).any() else 0.0
         if far > _FARTHEST or fast > _FASTEST:
-            told = f"{key} is up to {far:.4g} m from its median, and moves at {fast:.3g} m/s"
-            raise InputError(f"{name}: {told}; give lengths in metres.")
+            raise InputError(
+                f"{name}: {key} moves by {far:.4g} m, at {fast:.3g} m/s; give lengths in metres."
+            )
 
 
 def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) -> None:
@@ -362,9 +364,9 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
     stands = signals["force"][:, 2] >= LEAST_SUPPORT * weight
     height = com[:, 2] - signals.get("floor", 0.0)
     middle = float(np.nanmedian(height))
-    if not _HEIGHTS[0] < middle < _HEIGHTS[1]:
+    if not HEIGHTS[0] < middle < HEIGHTS[1]:
         raise InputError(
-            f"{name}: com_z is {middle:.3g} m above the floor, beyond {_HEIGHTS[0]:g} ... {_HEIGHTS[1]:g} m; "
+            f"{name}: com_z is {middle:.3g} m above the floor, beyond {HEIGHTS[0]:g} ... {HEIGHTS[1]:g} m; "
             "give it in metres, z upwards."
         )
     lean = float(np.nanmedian((np.hypot(*(com[:, :2] - zmp).T) / np.maximum(height, 1e-9))[stands]))

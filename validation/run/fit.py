@@ -16,7 +16,7 @@ from ampm.run_file import load_run
 from validation.judge.compare import SIGNALS
 from validation.judge.fit import CONFIDENCE, MODELS, Constant, Scores, Strides, constants, cut_strides, scores
 from validation.judge.metrics import display_unit
-from validation.measure.log import read_log
+from validation.measure.log import HEIGHTS, read_log
 from validation.run.judge_log import log_columns
 from validation.show.fit import fit_page
 from validation.store.folders import check_target
@@ -132,9 +132,9 @@ def fit_log(
     Raises:
         InputError: the log cannot be read, contradicts itself, or has too few strides that are alike.
     """
-    for what, value in (("mass", mass), ("com_height", com_height)):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{what} = {value:g} must be a finite number greater than 0.")
+    for what, value, limit in (("mass", mass, 1e4), ("com_height", com_height, HEIGHTS[1])):
+        if value is not None and not 0.0 < value <= limit:
+            raise InputError(f"{what} = {value:g} must be greater than 0 and at most {limit:g} in SI units.")
     signals, name = log_columns(table, columns)
     log = read_log(signals, None if mass is None else mass * GRAVITY, name)
     strides, others = cut_strides(log, com_height, weighed=mass is not None)

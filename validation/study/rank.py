@@ -135,7 +135,7 @@ class Ranking(Tabled):
         """How many differences are decided."""
         walked = [cell.task for cell in self.cells if cell.is_ranked]
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
-        missing = f" {self.planned - self.found} runs have no result yet." * (self.found < self.planned)
+        missing = f" Runs without a result yet: {self.planned - self.found}." * (self.found < self.planned)
         few = " Errors decide from six replicas on." * all(
             len(cell.errors) < LEAST_PAIRS for cell in self.cells
         )

@@ -68,7 +68,13 @@ def draw_sweep(sweep: SweepTable) -> list[Picture]:
     more = f" (more at {_MOST_USED:g})" if (100.0 * sweep.worst_used > _MOST_USED).any() else ""
     share = Axis(f"largest share of a tolerance{more} [%]", used, limit=100.0)
     first = [axis for axis in axes if not axis.ticks][:1] or axes[:1]
-    pairs = [*((axis, share) for axis in axes), *((axis, y) for axis in first for y in _metrics(sweep))]
+    checks = {item.name for item in METRICS.values() if item.kind == "instrument"}
+    shown = [(sweep.label(name), *sweep.shown(name)) for name in sweep.judged if name not in checks]
+    metrics = [
+        Axis(f"{label} [{short_unit(unit)}]", values, limit=float(np.fmin.reduce(limits)))
+        for label, values, limits, unit in shown
+    ]
+    pairs = [*((axis, share) for axis in axes), *((axis, y) for axis in first for y in metrics)]
     pictures += [_scatter(x, y, groups) for x, y in pairs if np.isfinite(x.values + y.values).any()]
     return numbered(pictures)
 
@@ -81,16 +87,6 @@ def _axis(sweep: SweepTable, key: str) -> Axis:
     found, places = np.unique(values, return_inverse=True)
     names = short_names(found.tolist())
     return Axis(key, places.astype(float), {name: float(place) for place, name in enumerate(names)})
-
-
-def _metrics(sweep: SweepTable) -> list[Axis]:
-    """All judged metrics but the checks of the measurement itself."""
-    checks = {item.name for item in METRICS.values() if item.kind == "instrument"}
-    found = {sweep.label(metric): sweep.shown(metric) for metric in sweep.judged if metric not in checks}
-    return [
-        Axis(f"{label} [{short_unit(unit)}]", values, limit=float(np.fmin.reduce(limits)))
-        for label, (values, limits, unit) in found.items()
-    ]
 
 
 def _scatter(x: Axis, y: Axis, groups: Groups) -> Picture:
