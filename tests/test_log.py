@@ -193,7 +193,9 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
     for side, place in zip(sides, (zmp - share * other, zmp + (1.0 - share) * other), strict=True):
         force = np.column_stack([signals[f"{side}_force_{axis}"][::5] for axis in "xyz"])
         cop |= {f"{side}_force_{axis}": force[:, k] for k, axis in enumerate("xyz")}
-        cop |= {f"{side}_cop_{a}": np.where(vertical[side] < 1.0, 2e3, place[:, k]) for k, a in enumerate("xy")}
+        cop |= {
+            f"{side}_cop_{a}": np.where(vertical[side] < 1.0, 2e3, place[:, k]) for k, a in enumerate("xy")
+        }
         lever = np.column_stack([np.zeros((len(zmp), 2)) - [0.02, 0.01], np.full(len(zmp), -0.08)])
         at = np.column_stack([place, np.zeros(len(zmp))]) - lever
         columns = {

@@ -132,13 +132,13 @@ def _plan_checks(plan: StepPlan, description: BodyDescription, times: Array) -> 
         reached = round(float(rise.zmp[0, 0] - rise.left_placement[0, 0]), 6) + 0.0
         reason = "heel_rises_before_zmp_reaches_ball"
         what = "the heel rises before the ZMP has reached the ball: its distance from the reference point"
-        less = "lower foot.heel_rise_lead, "
-        if l_s * plan.constants.inverse_a_s < sole.ball_x - ROLL_TOLERANCE:  # nor does it before the switch
+        less, rolls = "lower foot.heel_rise_lead, or ", l_s * plan.constants.inverse_a_s
+        if rolls < sole.ball_x - ROLL_TOLERANCE:  # nor does it reach it before the switch
             on_time = " and foot.heel_rise_lead to 0" if rise.phase == 0 else ""
-            # With a_s of 1 or less it would not be a pendulum.
+            # With a_s of 1 or less it would not be a pendulum, and a planner whose ZMP rests has none.
             less = f"lower gait.a_s to {l_s / sole.ball_x:.4g}{on_time}, " if l_s > sole.ball_x else ""
-            less += "lengthen gait.step_length, "
-        less += "or take foot.schedule = flat"
+            less = f"{less}lengthen gait.step_length, or " if rolls else ""
+        less += "take foot.schedule = flat"
         yield Limit(what, "m", sole.ball_x, AT_LEAST, reason, less, ROLL_TOLERANCE), reached
 
     reach = description.leg_length * (1.0 + LEG_ALLOWANCE)
