@@ -39,7 +39,7 @@ _BRIEFEST = 0.2  # stride [s]
 _DEGREE = 9  # of the polynomial from integrated to measured COM, over 1.5 strides
 _ALIKE = 0.1, 0.15  # most difference of a stride's duration and length from the median, over it [1]
 _SHORTEST = 0.05  # stride [m]: below it nothing walks
-_ASIDE = 4.0  # most angle of a walk from x, which makes the way of the ZMP 7 % wider [degrees]
+_ASIDE, _FAR = 4.0, 3.0  # most angle of a walk from x, if it is longer [degrees, m]: ZMPs then go 7 % wider
 _DRIFT = 0.01  # most change of the COM's mean height from stride to stride, over H [1]
 _AGREE = 0.25  # least share of the acceleration of a measured COM that the force explains [1]
 _STILL = 1e-3  # RMS below which a signal rests, over H, weight or m H sqrt(g H) [1]
@@ -106,7 +106,7 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     ends = left[[0, -1]] if len(left) > 1 else log.time[[0, -1]]
     x, y = np.diff(interp(ends, log.time, log.signals["zmp"]), axis=0)[0]
     angle = math.degrees(math.atan2(y, x))
-    if abs(angle) > _ASIDE and math.hypot(x, y) > _SHORTEST * len(left) + 1.0:
+    if abs(angle) > _ASIDE and math.hypot(x, y) > _FAR:
         raise InputError(
             f"{log.name} walks {angle:.3g} degrees to the left of x, more than {_ASIDE:g}; turn all x and "
             "y into the direction of the walk."
