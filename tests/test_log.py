@@ -104,7 +104,7 @@ def test_start_and_place_are_found_and_said(folder, summary, table):
     for name in ("zmp_x_rmse", "zmp_y_rmse"):
         assert value(trial, name) == pytest.approx(summary["metrics"][name]["value"], rel=0.2)
     said = " ".join(facts["notes"])
-    assert "moved by -5e+05 m along x" in said
+    assert "moved by -5e+05 m along x" in said and "turned by 0.00 degrees" in said
     assert "1529 instants of the plan are compared, 0.250 to 4.070 s, " in said
 
 
@@ -122,6 +122,15 @@ def test_strides_that_a_gap_touches_are_left_out():
     assert whole_strides(log, np.arange(7.0)) == [(0.0, 1.0), (3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
     assert whole_strides(log, np.arange(7.0), 0.1) == [(3.0, 4.0), (4.0, 5.0), (5.0, 6.0)]
     assert whole_strides(log, np.r_[3.0, 4.0, 5.6, 6.4]) == [(3.0, 4.0), (5.6, 6.4)]  # it stands between
+
+
+def test_the_turn_of_a_log_is_said(folder, table):
+    """By one degree to the left, as of a motion capture of its own axes."""
+    for kind in ("zmp", "com"):
+        x, y = table[f"{kind}_x"], table[f"{kind}_y"]
+        table |= {f"{kind}_x": x - np.pi / 180.0 * y, f"{kind}_y": y + np.pi / 180.0 * x}
+    notes = val.judge_log(table, folder).table().notes
+    assert any("turned by 1.00 degrees to the left" in note for note in notes)
 
 
 def test_gaps_are_left_out_and_said(folder, summary, table):

@@ -97,13 +97,18 @@ def _centred(values: Array) -> Array:
     return np.nan_to_num(values - np.nanmean(values, axis=0))
 
 
-def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str]:
-    """What to add to a log's places, shape (2,) [m], and what gets the plan's mean; empty without places."""
+def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
+    """What to add to a log's places, shape (2,) [m], what then has the plan's mean, and the turn of its way.
+
+    The turn is to the left of the plan's way [rad]. Without places the name is empty.
+    """
     sample = plan.sample(log.time)
     for name, wanted in (("zmp", sample.zmp), ("com", sample.com[:, :2])):
         if np.isfinite(log.signals.get(name, np.nan)).any():
-            return np.nanmean(wanted - log.signals[name][:, :2], axis=0), name.upper()
-    return np.zeros(2), ""
+            given = log.signals[name][:, :2]
+            (x, y), (u, v) = (_centred(way).T for way in (wanted, given))
+            return np.nanmean(wanted - given, axis=0), name.upper(), math.atan2(x @ v - y @ u, x @ u + y @ v)
+    return np.zeros(2), "", 0.0
 
 
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:

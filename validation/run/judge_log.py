@@ -1,5 +1,6 @@
 """A log of measured signals, judged by a plan as a walk of the simulation is; a saved run, judged again."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -236,12 +237,16 @@ def _aligned(
     left_out = (lost + source.time_step * light) / (source.duration + lost)  # while nothing carries it, too
     facts |= {"left_out": float(left_out), "empty": float(empty.mean())}
     _check_phases(judged, plan)
-    by, mean_of = (np.array(place), "") if place is not None else find_place(judged, plan)
-    if mean_of:
+    by, mean_of, turn = find_place(judged, plan)
+    if place is not None:
+        by = np.array(place)
+    elif mean_of:
         notes.append(
             f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "
             f"{mean_of}: its bias is not judged."
         )
+    if mean_of and not strides:
+        notes.append(f"Its way is turned by {math.degrees(turn):z.2f} degrees to the left of the plan's.")
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
         f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s, and "
