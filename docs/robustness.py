@@ -1,4 +1,4 @@
-"""Walk the disturbances of docs/footsteps.md again; rewrite the table and data/robustness.csv.
+"""Walk the disturbances of docs/footsteps.md again; rewrite its tables and data/robustness.csv.
 
     python docs/robustness.py [--replicas N]
 
@@ -7,6 +7,7 @@ build/robustness, so a study that was stopped goes on.
 """
 
 import argparse
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -23,6 +24,17 @@ PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = PAGE.parents[1] / "build" / "robustness"
 STABILIZERS = ("fixed", "stepping")
 PUSH = ("direction", ">fixed", ">stepping")
+OTHERS = ("disturbance", ">fixed", ">stepping", ">largest tried")
+SHOWN = {
+    "one step higher": ("higher floor under one step [cm]", 100.0),
+    "one step lower": ("lower floor under one step [cm]", -100.0),
+    "slope downhill": ("slope down [degrees]", -math.degrees(1.0)),
+    "soft floor": ("softer floor [times]", 1.0),
+    "delay of sensors": ("late sensors [ms]", 1e3),
+    "delay of torques": ("late torques [ms]", 1e3),
+    "bias of torques": ("bias of torques [N m]", 1.0),
+}
+"""Other disturbances of the page, not all of which are survived as far as tried: name, factor of the unit."""
 HEIGHT = "com"
 """Where the pushes of the page act; the data file has those at the chest, too."""
 
@@ -32,11 +44,22 @@ Studies = Mapping[str, tuple[Robustness, Robustness]]
 """Pushes, and all others, by stabiliser."""
 
 
-def write_table() -> None:
-    """Rewrite the table of the page from the data file."""
+def write_tables() -> None:
+    """Rewrite the tables of the page from the data file."""
     found = {(row["stabilizer"], row["cell"]): row for row in read_rows("robustness")}
     page = replace_between(PAGE.read_text(encoding="utf-8"), "pushes", _pushes(found).markdown())
+    page = replace_between(page, "other disturbances", _others(found).markdown())
     PAGE.write_text(page, encoding="utf-8")
+
+
+def _others(found: Rows) -> Table:
+    """Largest value survived of every other disturbance that is shown, and the largest that was tried."""
+    tried = {cell.name: cell.values[-1] for cell in other_cells()}
+    rows = []
+    for name, (title, factor) in SHOWN.items():
+        survived = [float(found[stabilizer, name]["survived"] or 0.0) for stabilizer in STABILIZERS]
+        rows.append((title, *(f"{factor * value:.3g}" for value in (*survived, tried[name]))))
+    return Table("", OTHERS, rows)
 
 
 def _pushes(found: Rows) -> Table:
@@ -64,7 +87,7 @@ def write(studies: Studies) -> None:
         for item in (*pushes.cells, *others.cells)
     ]
     write_rows("robustness", [("stabilizer", "cell", "unit", "survived", "cause"), *rows])
-    write_table()
+    write_tables()
 
 
 def study(name: str, part: str, only: Sequence[str], replicas: int) -> Robustness:

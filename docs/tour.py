@@ -1,4 +1,4 @@
-"""Walk the tours of docs/footsteps.md again: rewrite data/tour.csv, and print a table of it.
+"""Walk the tours of docs/footsteps.md again: rewrite its table and data/tour.csv, and print the punches.
 
     python docs/tour.py [--seeds N] [--punched N]
 
@@ -18,9 +18,12 @@ from typing import Any
 import numpy as np
 from trials import read_rows, write_rows
 
-from validation.table import ABSENT, Table, print_tables
+import ampm
+from benchmarks.page import replace_between
+from validation.table import Table, print_tables
 
 ROOT = Path(__file__).parents[1]
+PAGE = Path(__file__).with_name("footsteps.md")
 KEPT = ROOT / "build" / "tour"
 EXAMPLES = ROOT / "examples"
 BODIES = {
@@ -30,8 +33,14 @@ BODIES = {
 }
 TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
-COLUMNS = ("body", ">force [%]", ">completed [%]", ">survived [%]", ">off target [mm]")
-"""Of the table; means over all tours."""
+COLUMNS = ("body and gait", ">step [s]", ">tour [s]", ">no punches", ">a third", ">full force")
+"""Of the table: durations of a step and, on average, of a planned tour; completed tours by force."""
+TITLES = {
+    "human": "human, [quick steps](../examples/tour-human.toml)",
+    "human (normal)": "human, `normal`",
+    "G1": "[G1](../examples/tour-g1.toml)",
+}
+"""Of the bodies in the table."""
 KINDS = {"foot": "foot|toe|ankle", "leg": "shank|knee|thigh|hip", "arm": "shoulder|elbow|wrist|arm|hand"}
 """Segments by a part of their name; all others are the trunk."""
 Row = Mapping[str, Any]
@@ -53,7 +62,7 @@ def walk(body: str, share: float, seeds: int) -> list[Row]:
 
 
 def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
-    """Rewrite the data file, and print its table."""
+    """Rewrite the data file and the table, and print the punches."""
     names = ("seed", "outcome", "time", "planned", "reached", "error", "cause")
     cells = [
         (body, f"{share:.3g}", stabilizer(share), *(_cell(walk.get(name)) for name in names))
@@ -61,21 +70,22 @@ def write(found: Sequence[tuple[str, float, Sequence[Row]]]) -> None:
         for walk in walks
     ]
     write_rows("tour", [("body", "force", "stabilizer", *names), *cells])
-    print_table()
+    write_table()
     print_endings()
 
 
-def print_table() -> None:
-    """Print the means over the tours of every kind, from the data file."""
+def write_table() -> None:
+    """Rewrite the table of the page from the data file."""
     walks, rows = read_rows("tour"), []
-    for body, force in dict.fromkeys((walk["body"], walk["force"]) for walk in walks):
-        tours = [walk for walk in walks if (walk["body"], walk["force"]) == (body, force)]
-        completed = [float(not tour["cause"]) for tour in tours]
-        lasted = [float(tour["time"]) / float(tour["planned"]) if tour["time"] else 0.0 for tour in tours]
-        off = [float(tour["error"]) for tour in tours if tour["error"]]
-        shares = (f"{100.0 * share:.0f}" for share in (float(force), fmean(completed), fmean(lasted)))
-        rows.append((body, *shares, f"{1e3 * fmean(off):.2g}" if off else ABSENT))
-    print_tables([Table("tours", COLUMNS, rows)])
+    for body, title in TITLES.items():
+        tours = [walk for walk in walks if walk["body"] == body]
+        step = ampm.plan(ampm.load_run(BODIES[body])).constants.step_duration
+        planned = fmean(float(tour["planned"]) for tour in tours)
+        completed = Counter(tour["force"] for tour in tours if not tour["cause"])
+        counts = (str(completed[f"{share:.3g}"]) for share in FORCES)
+        rows.append((title, f"{step:.2f}", f"{planned:.0f}", *counts))
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(replace_between(page, "tours", Table("", COLUMNS, rows).markdown()), encoding="utf-8")
 
 
 def print_endings() -> None:
