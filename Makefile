@@ -48,7 +48,7 @@ bench: $(INSTALLED_TEST)  ## Time the planner, the controller and the simulation
 	@$(BIN)/python -m benchmarks $(ARGS)
 
 docs: $(INSTALLED_TEST)  ## Build the pages in build/site (its search needs a server: python -m http.server -d build/site)
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 install: $(INSTALLED)  ## Only create .venv and install
 

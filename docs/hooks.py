@@ -64,11 +64,12 @@ def at_root(name: str) -> str:
     return OUTSIDE.sub(r"\1", text.replace("](CONTRIBUTING.md", "](contributing.md"))
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let links to a source lead to the page that is made from it."""
-    for source, page in SOURCES.items():
-        markdown = re.sub(rf"\]\(\.\./((?:\.\./)*){source}", rf"](\1{page}.md", markdown)
-    return markdown
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Let links to a source lead to the page that is made from it; of other files outside, keep the words."""
+    for source, made in SOURCES.items():
+        markdown = re.sub(rf"\]\(\.\./((?:\.\./)*){source}", rf"](\1{made}.md", markdown)
+    outside = re.escape("../" * (1 + page.file.src_uri.count("/")))
+    return re.sub(rf"\[([^\]]+)\]\({outside}[^)]*\)", r"\1", markdown)
 
 
 def parameters() -> str:
