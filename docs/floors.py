@@ -38,16 +38,16 @@ UNEVEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "hole of 1 cm": ({}, {"step_height": -0.01}),
     "3 times as soft": ({}, {"softness_factor": 3.0}),
 }
-SHOWN = (
-    "2 degrees up",
-    "2 degrees down",
-    "2 degrees, left up",
-    "2 degrees, left down",
-    "1 degree up on 2 known",
-    "stone of 1 cm",
-    "3 times as soft",
-)
-"""Unknown floors of the page; the file has all."""
+SHOWN = {
+    "2 degrees up": "2 degrees up",
+    "2 degrees down": "2 degrees down",
+    "2 degrees, left up": "2 degrees up to the left",
+    "2 degrees, left down": "2 degrees down to the left",
+    "1 degree up on 2 known": "3 degrees up, of which 2 are known",
+    "stone of 1 cm": "stone of 1 cm",
+    "3 times as soft": "3 times as soft",
+}
+"""Unknown floors of the page, with their names there; the file has all."""
 COLUMNS = ("gait", "floor", "stabilizer", "ZMP RMSE x, y [mm]", "F RMSE x, y, z [% weight]", "verdict")
 
 Row = tuple[str, ...]
@@ -78,8 +78,8 @@ def main() -> None:
             print(*rows[case], sep=" | ", file=sys.stderr, flush=True)  # noqa: T201
             write_rows("floors", [COLUMNS, *rows.values()])
     body = [
-        (floor, *(rows["normal", f"unknown: {floor}", way][3] for way in ("fixed", "stepping")))
-        for floor in SHOWN
+        (title, *(rows["normal", f"unknown: {floor}", way][3] for way in ("fixed", "stepping")))
+        for floor, title in SHOWN.items()
     ]
     table = Table("", ("unknown floor", "`fixed`: x, y [mm]", "`stepping`: x, y [mm]"), body)
     page = replace_between(PAGE.read_text(encoding="utf-8"), "unknown floors", table.markdown())

@@ -33,7 +33,7 @@ BODIES = {
 }
 TARGETS = 18
 FORCES = (0.0, 1.0 / 3.0, 1.0)
-COLUMNS = ("body and gait", ">step [s]", ">tour [s]", ">no punches", ">a third", ">full force")
+COLUMNS = ("body and gait", ">step [s]", ">tour [s]", ">no punches", ">a third of the force", ">full force")
 """Of the table: durations of a step and, on average, of a planned tour; completed tours by force."""
 TITLES = {
     "human": "human, [quick steps](../examples/tour-human.toml)",
