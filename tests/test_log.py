@@ -104,7 +104,8 @@ def test_start_and_place_are_found_and_said(folder, summary, table):
     for name in ("zmp_x_rmse", "zmp_y_rmse"):
         assert value(trial, name) == pytest.approx(summary["metrics"][name]["value"], rel=0.2)
     said = " ".join(facts["notes"])
-    assert "moved by -5e+05 m along x" in said and "turned by 0.00 degrees" in said
+    assert "moved by -5e+05 m along x" in said
+    assert "turned by 0.00 degrees" in said
     assert "1529 instants of the plan are compared, 0.250 to 4.070 s, " in said
 
 
