@@ -46,10 +46,6 @@ WALKS = {
 CASES = [(gait, name) for gait in GAITS for name in WALKS if (gait, name) != ("momentum", "arc")]
 
 
-def steps_of(footsteps):
-    return plan_feet(footsteps, GAITS["normal"])
-
-
 @pytest.mark.parametrize(("gait", "name"), CASES)
 def test_the_horizontal_motion_is_that_of_level_ground(gait, name):
     walk, level = plan(WALKS[name], gait), plan(raised(WALKS[name], [0.0]), gait)
@@ -98,7 +94,7 @@ def test_edges_lie_along_a_later_footstep_where_the_first_leaves_no_room():
 @pytest.mark.parametrize("name", WALKS)
 def test_feet_swing_over_the_edges(name):
     """10 mm beside every edge there is room, too, but where the foot leaves and lands."""
-    walk, ground = steps_of(WALKS[name]), Ground.under(WALKS[name], BODY.sole)
+    walk, ground = plan_feet(WALKS[name], GAITS["normal"]), Ground.under(WALKS[name], BODY.sole)
     times = np.linspace(0.0, walk.duration, 1501)
     for side, foot in zip(("left", "right"), walk.feet.sample(times), strict=True):
         for phase in walk.contacts.phases:
