@@ -69,10 +69,9 @@ def test_a_controller_reads_its_command_and_a_fall_is_told_without_a_plan():
 
 
 def test_steps_and_velocity_are_found_in_the_record():
-    time = np.arange(1001) * 0.002
     down = np.ones((1000, 2), dtype=bool)
     down[100:300, 0] = down[400:600, 1] = down[700:710, 0] = False  # two swings and a bounce
-    heading = 0.5 * time
+    heading = 0.001 * np.arange(1001)
     q = np.zeros((1001, 7))
     q[:, 3], q[:, 6] = np.cos(0.5 * heading), np.sin(0.5 * heading)
     com = np.column_stack([np.sin(heading), 1.0 - np.cos(heading), np.ones(1001)]) / 0.5  # a circle at 1 m/s
@@ -85,9 +84,10 @@ def test_steps_and_velocity_are_found_in_the_record():
     assert heading_velocity(record).mean(axis=0) == pytest.approx([1.0, 0.0, 0.5], abs=1e-3)
 
 
-@pytest.mark.parametrize(("command", "steps", "missing"), [(0.3, 0, 1.0), (0.3, 1, 0.0), (0.1, 0, 0.0)])
-def test_a_commanded_way_longer_than_a_foot_asks_for_a_step(command, steps, missing):
-    plan = SimpleNamespace(command=standing(command={"vy": command, "duration": 2.0}).command)
+@pytest.mark.parametrize("part", ["vy", "wz"])
+@pytest.mark.parametrize(("command", "steps", "missing"), [(0.6, 0, 1.0), (0.6, 1, 0.0), (-0.2, 0, 0.0)])
+def test_a_commanded_way_longer_than_a_foot_asks_for_a_step(part, command, steps, missing):
+    plan = SimpleNamespace(command=standing(command={part: command, "duration": 2.0}).command)
     record = SimpleNamespace(outcome=SimpleNamespace(steps_completed=steps))
     walk: Any = SimpleNamespace(plan=plan, record=record, scales={"foot_length": 0.25})
     assert METRICS["steps_missing"].compute(walk) == missing

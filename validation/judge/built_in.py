@@ -10,6 +10,7 @@ from ampm.body.limits import CLEARANCE
 from ampm.geometry import Array
 from ampm.walk import UNSOLVED
 from validation.judge.compare import Comparison
+from validation.measure.measure import largest
 from validation.trial.record import SimulationRecord
 
 
@@ -17,10 +18,6 @@ def rms(values: Array) -> float:
     """Root mean square of the finite values, NaN if there is none."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known * known))) if known.size else math.nan
-
-
-def _largest(values: Array) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
 
 
 def _distances(one: Array, other: Array, walk: Comparison) -> Array:
@@ -31,7 +28,7 @@ def _distances(one: Array, other: Array, walk: Comparison) -> Array:
 def _slip(walk: Comparison) -> float | None:
     """Largest slip in the window [m]; None where none was measured, as in a log without it."""
     slip = walk.measured.slip
-    return None if np.isnan(slip).all() else _largest(slip[walk.inside])
+    return None if np.isnan(slip).all() else largest(slip[walk.inside])
 
 
 def _shortfall(walk: Comparison) -> float | None:
@@ -47,11 +44,13 @@ def _velocity_error(walk: Comparison, part: int) -> float | None:
 
 
 def _steps_missing(walk: Comparison) -> float | None:
-    """1 if no foot touched down on a commanded way longer than a foot, else 0; None without a command."""
+    """1 if no foot touched down on a way longer than a foot or a turn over 0.5 rad; None if none is asked."""
     if (command := walk.plan.command) is None:
         return None
-    way = math.hypot(*command.at(math.inf)[:2]) * (command.duration - command.settling)
-    return float(way > walk.scales["foot_length"] and walk.record.outcome.steps_completed == 0)
+    vx, vy, wz = command.at(math.inf)
+    per_second = max(math.hypot(vx, vy) / walk.scales["foot_length"], abs(wz) / 0.5)
+    far = per_second * (command.duration - command.settling) > 1.0
+    return float(far and walk.record.outcome.steps_completed == 0)
 
 
 def _drift(walk: Comparison) -> float | None:
@@ -109,11 +108,11 @@ COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "drift_per_step": _drift,
     "plan_newton_residual": lambda walk: max(plan.newton_residual for plan in walk.followed.plans),
     "plan_moved_zmp_maximum": lambda walk: (
-        None if walk.first is None else _largest(_distances(walk.valid.zmp, walk.first.zmp, walk))
+        None if walk.first is None else largest(_distances(walk.valid.zmp, walk.first.zmp, walk))
     ),
     "plan_changes": lambda walk: None if walk.first is None else float(walk.followed.changes),
     "zmp_agreement_rmse": lambda walk: rms(_zmp_gaps(walk)),
-    "zmp_agreement_maximum": lambda walk: _largest(_zmp_gaps(walk)),
+    "zmp_agreement_maximum": lambda walk: largest(_zmp_gaps(walk)),
     "force_agreement_rmse": lambda walk: rms(
         _distances(walk.measured.force, walk.measured.momentum_force, walk)
     ),

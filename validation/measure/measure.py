@@ -140,8 +140,8 @@ def measure(record: SimulationRecord, model: pin.Model, passive: PassiveJoints |
     if passive is not None and not passive.friction.any():
         equations = check_equations(record, model, passive)
     checks = SelfChecks(
-        com_agreement=_largest(np.linalg.norm(record.com - com_pin, axis=1)),
-        angular_momentum_agreement=_largest(np.linalg.norm(turned, axis=1)),
+        com_agreement=largest(np.linalg.norm(record.com - com_pin, axis=1)),
+        angular_momentum_agreement=largest(np.linalg.norm(turned, axis=1)),
         impulse_residual=float((impulse + lifted - gained) / (full or math.nan) - 1.0),
         equations=equations,
     )
@@ -298,6 +298,6 @@ def centre_of_pressure(force: Array, torque: Array, least: float, floor: Array |
     return np.stack([x / vertical, y / vertical], axis=-1)
 
 
-def _largest(values: Any) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.abs(finite).max()) if finite.size else float("nan")
+def largest(values: Array) -> float:
+    """Largest value that is not NaN; NaN if none is finite."""
+    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan
