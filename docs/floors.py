@@ -41,7 +41,6 @@ UNEVEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
 SHOWN = {
     "2 degrees up": "2 degrees up",
     "2 degrees down": "2 degrees down",
-    "2 degrees, left up": "2 degrees up to the left",
     "2 degrees, left down": "2 degrees down to the left",
     "1 degree up on 2 known": "3 degrees up, of which 2 are known",
     "stone of 1 cm": "stone of 1 cm",
