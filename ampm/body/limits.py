@@ -88,7 +88,7 @@ _GROUPS = {
     "ankle": ("an ankle joint", 0.045),
     "toe": ("a toe joint", 0.06),
     "trunk": ("a waist or chest joint", 0.12),
-    "arms": ("an arm joint", 0.05),
+    "arms": ("an arm or head joint", 0.05),
 }
 """Joints in words, and the target of their distance from their limits [rad]."""
 _INTO = "least distance of the ZMP into the"

@@ -74,7 +74,7 @@ def check(
     tables = [Table(f"body {found.name}", ("quantity", ">value", "unit"), facts, found.notes)]
     if found.torque:
         title = "largest torque over its limit, in the best periodic step found"
-        shares = [(name, f"{share:.2f}") for name, share in found.torque.items()]
+        shares = [(name.replace("arms", "arms, head"), f"{n:.2f}") for name, n in found.torque.items()]
         tables.append(Table(title, ("joints", ">share"), shares))
     print_tables(tables)
     if found.refusal:
