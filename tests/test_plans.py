@@ -18,6 +18,7 @@ from ampm.planner.step_planners import JERK_WEIGHT, SAMPLE_TIME, STEP_PLANNERS, 
 from ampm.planner.step_planners import step_axes as axes_of
 from tests import properties, test_footstep_walk, test_footsteps, test_gait, test_heights
 from tests.solved import body_of
+from tests.test_footstep_walk import plan as plan_feet
 
 SOLE = body_of().description.sole
 OTHERS = ("ipm", "preview", "dcm")
@@ -78,9 +79,9 @@ def feet_of(kind, name):
         return test_gait.planned(test_gait.SCHEDULES[name]), None
     if kind == "height":
         footsteps = test_heights.WALKS[name]
-        return test_heights.steps_of(footsteps), Ground.under(footsteps, test_heights.BODY.sole)
+        return plan_feet(footsteps, test_footsteps.GAITS["normal"]), Ground.under(footsteps, SOLE)
     run = ampm.load_run("normal", foot={"heel_rise_lead": 0.0 if kind == "footsteps" else -0.1})
-    return test_footstep_walk.plan(test_footstep_walk.WALKS[name], run), None
+    return plan_feet(test_footstep_walk.WALKS[name], run), None
 
 
 FEET = {
