@@ -22,16 +22,7 @@ from ampm.planner.contacts import Contacts, Footstep, check_landing, footprint, 
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
-from ampm.planner.rest_to_rest import (
-    SETTLING,
-    Problem,
-    Solution,
-    in_world,
-    single_maps,
-    solve,
-    stand_nodes,
-    times,
-)
+from ampm.planner.rest_to_rest import SETTLING, Problem, Solution, solve
 
 LARGEST_TILT = 0.6
 """Largest angle by which the angular momentum may turn the trunk [rad]; from 0.68 hands meet thighs."""
@@ -81,7 +72,7 @@ def plan_footsteps(
     solved = solve_within_limits(problem_of(footsteps, contacts, gait, body.mass * GRAVITY), body.sole)
     phases = _phases(contacts.starts.tolist(), solved)
     if uneven(footsteps):
-        zmp = [_stand_signal(solved, end).sum(axis=1) for end in (0, 1)]
+        zmp = solved.stands.sum(axis=2)  # p = r + q
         laws = vertical_laws(footsteps, solved.problem, zmp, gait.com_height)
         phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
     plan = replace(nominal, contacts=contacts, phases=tuple(phases))
@@ -194,11 +185,8 @@ def trunk_tilt(solved: Solution) -> Array:
 
     About zero in the middle of double support, Theta is largest about the middle of single support.
     """
-    problem = solved.problem
-    halfway = in_world(single_maps(problem, 0.5 * problem.single)[0], problem.axes)[:, 6:]
-    theta = times(halfway, solved.state.reshape(-1, 10)) - times(halfway[:, :, :2], problem.place)
-    height = GRAVITY / problem.frequency**2
-    return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((theta**2).sum(axis=1)))
+    height = GRAVITY / solved.problem.frequency**2
+    return np.asarray(GRAVITY / (_TRUNK_INERTIA * height**2) * np.sqrt((solved.halfway**2).sum(axis=1)))
 
 
 def _phases(starts: Sequence[float], solved: Solution) -> list[CentroidalPhase]:
@@ -256,18 +244,9 @@ def _phase(
     return CentroidalPhase(start, duration, place, laws[0], laws[1], momentum, heading)
 
 
-def _stand_signal(solved: Solution, end: int) -> Array:
-    """(r, q) at the ends of the quarters of the first (0) or last (1) double support, shape (5, 2, 2)."""
-    r, q = solved.signal[-end, end]
-    r_middle, q_quarter, q_middle = solved.nodes[end]
-    nodes = stand_nodes(r, q, r_middle, q_quarter, q_middle, solved.problem.ends[end])
-    signal = np.stack(nodes, axis=1)
-    return signal[::-1] if end else signal
-
-
 def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPhase]:
     """Four linear blends in a row: the first (0) or the last (1) double support."""
-    problem, signal, part = solved.problem, _stand_signal(solved, end), 0.25 * SETTLING
+    problem, signal, part = solved.problem, solved.stands[end], 0.25 * SETTLING
     state = solved.end[-1, :3] if end else np.stack([problem.ends[0], np.zeros(2), np.zeros(2)])
     phases = []
     for i in range(4):

@@ -11,9 +11,14 @@ its single supports. In world, with ``w^2 = g/H``:
 Unknown are ``(c, v, J, Theta, d)`` of every single support and the nodes of the first and the last double
 support, in which ``r`` and ``q`` are piecewise linear. Equations are the motion from each support to the
 next one, and rest at both ends. What they leave free (``d`` and the nodes of ``q``) lets the angular momentum
-swing about zero: least squares on ``Theta`` in the middle of every double support, on ``d`` and these nodes.
+swing about zero: least is ``sum |m g Theta / 0.5 N m s^2|^2 + sum |d / 20 mm|^2 + sum |q / 50 mm|^2`` with
+``Theta`` in the middle of every double support, ``d`` of every single support and ``q`` at the nodes.
+
+A *map* is a matrix; that of a single support acts on its ten unknowns (x and y of each) and, by its last
+column, on 1.
 """
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,19 +53,17 @@ class Solution(NamedTuple):
 
     problem: Problem  # what was solved
     state: Array  # (c, v, J, Theta, d) at the begin of every single support, shape (N, 5, 2)
+    halfway: Array  # Theta in its middle, shape (N, 2) [m s^2]
     end: Array  # (c, v, J, Theta) at its end, shape (N, 4, 2)
     signal: Array  # (r, q) at its begin and end, shape (N, 2, 2, 2) [m]
-    # of the first and the last double support: r at the middle; q at a quarter from the rest and at the
-    # middle; shape (2, 3, 2) [m]
-    nodes: Array
+    stands: Array  # (r, q) at the ends of the quarters of first and last double support, (2, 5, 2, 2) [m]
 
 
-def single_maps(problem: Problem, duration: Array) -> tuple[Array, Array]:
-    """Single supports in the axes of their feet.
+def _single_maps(problem: Problem, duration: Array) -> tuple[Array, Array]:
+    """Single supports of durations (N,) [s].
 
     Returns:
-        From (u, v, J, Theta, d) at the begin to (u, v, J, Theta) at the end, shape (N, 2, 4, 5); and to
-        (r, q) from the foot at the same instant, shape (N, 2, 2, 5).
+        Maps to (c, v, J, Theta) at the end, shape (N, 8, 11), and to (r, q) at the begin, shape (N, 4, 11).
     """
     square, c = problem.frequency**2, problem.slopes
     rate = square * np.stack([c[:, 0] - problem.inverse_a, c[:, 1]], axis=1)
@@ -78,10 +81,10 @@ def single_maps(problem: Problem, duration: Array) -> tuple[Array, Array]:
         [lever * once, lever * twice, T, one, lever * offset[3] + 0.5 * T * T],
     ]
     signal = [[one - rate / square, zero, zero, zero, -one], [lever, zero, zero, zero, one]]
-    return _stacked(move), _stacked(signal)
+    return _from_feet(problem, move), _from_feet(problem, signal)
 
 
-def _blend_maps(frequency: float, rate: Array, duration: Array) -> Array:
+def _blend_maps(frequency: float, rate: Array, duration: Array) -> list[list[Array]]:
     """Blends with rates (n, 2) [1/s] and durations (n,) [s] along their axes.
 
     From (c, v, J, Theta) at the begin and (r, q) at begin and end to (c, v, J, Theta) at the end and Theta in
@@ -102,112 +105,148 @@ def _blend_maps(frequency: float, rate: Array, duration: Array) -> Array:
     for since, bend in ((T, end.double_integral), (0.5 * T, middle.double_integral)):
         half = 0.25 * since * since
         move.append([zero, zero, since, one, zero, half - bend, zero, half + bend])
-    return _stacked(move)
+    return move
 
 
-def _quarters(frequency: float, point: Array, arm: Array) -> Array:
-    """Four linear blends in a row, with r and q at the five ends as maps of m numbers, shape (5, m) each.
+def _from_feet(problem: Problem, entries: list[list[Array]]) -> Array:
+    """Maps in world of single supports, from entries along the axes of the feet, with c and r from there."""
+    maps, place = _in_world(entries, problem.axes), problem.place
+    constant = -_times(maps[:, :, :2], place)
+    constant[:, :2] += place
+    return np.concatenate([maps, constant[:, :, None]], axis=2)
 
-    From (c, v, J, Theta) at the begin and the m numbers to (c, v, J, Theta) at the end, for vectors, shape
-    (8, 8 + 2 m).
+
+def _quarters(frequency: float, signal: Array) -> list[Array]:
+    """Four linear blends in a row, with (r, q) at the five ends as maps of six vectors, shape (5, 2, 6).
+
+    Maps to (c, v, J, Theta) at the end: of the same at the begin, (r, q) of the support, the nodes, and the
+    COM at rest, shapes (8, 8), (8, 4), (8, 6) and (8, 2).
     """
-    step = _blend_maps(frequency, np.zeros((1, 2)), np.array([0.25 * SETTLING]))[0, 0, :4]
-    state = np.hstack([np.eye(4), np.zeros((4, point.shape[1]))])
-    for i in range(4):
+    step = np.array(_blend_maps(frequency, np.zeros((1, 2)), np.array([0.25 * SETTLING])))[:4, :, 0, 0]
+    state = np.eye(4, 10)
+    for ends in pairwise(signal):
         state = step[:, :4] @ state
-        state[:, 4:] += step[:, 4:] @ np.stack([point[i], arm[i], point[i + 1], arm[i + 1]])
-    return np.asarray(np.kron(state, np.eye(2)), dtype=np.float64)
+        state[:, 4:] += step[:, 4:] @ np.concatenate(ends)
+    return np.split(np.kron(state, np.eye(2)), [8, 12, 18], axis=1)
 
 
-def stand_nodes(
-    r: Array, q: Array, r_middle: Array, q_quarter: Array, q_middle: Array, rest: Array
-) -> tuple[Array, Array]:
-    """Values of r and q at the ends of the quarters of a double support, from rest on, shape (5, m) each.
+def _stand(vectors: Array) -> Array:
+    """(r, q) at the ends of the quarters of the first or last double support, from rest on, shape (5, 2, m).
 
-    All arguments have the shape (m,): r and q at the single support, r at the middle, q at a quarter from the
-    rest and at the middle, and the COM at rest.
+    The vectors (6, m) are r and q of the support; the nodes r in the middle, q at a quarter from the rest
+    and in the middle; and the COM at rest.
     """
+    r, q, r_middle, q_quarter, q_middle, rest = vectors
     point = [rest, 0.5 * (rest + r_middle), r_middle, 0.5 * (r_middle + r), r]
-    return np.array(point), np.array([np.zeros_like(q), q_quarter, q_middle, 0.5 * (q_middle + q), q])
+    return np.stack([point, [np.zeros_like(q), q_quarter, q_middle, 0.5 * (q_middle + q), q]], axis=1)
 
 
-def _stacked(entries: list[list[Array]]) -> Array:
-    """Matrices of entries of shape (n, 2), shape (n, 2, a, b)."""
-    return np.moveaxis(np.array(entries), (0, 1), (2, 3))
-
-
-def in_world(maps: Array, axes: Array) -> Array:
-    """Maps along two axes, (n, 2, a, b), as one of vectors in world, (n, 2 a, 2 b)."""
+def _in_world(entries: list[list[Array]], axes: Array) -> Array:
+    """Maps along two axes, a times b entries of shape (n, 2), as maps of vectors in world, (n, 2 a, 2 b)."""
+    maps = np.moveaxis(np.array(entries), (0, 1), (2, 3))
     n, _, a, b = maps.shape
     along = axes.swapaxes(1, 2)[:, :, None, :, None, None] * axes.swapaxes(1, 2)[:, :, None, None, None, :]
     return np.asarray((maps[:, :, :, None, :, None] * along).sum(axis=1).reshape(n, 2 * a, 2 * b))
 
 
-def times(matrices: Array, vectors: Array) -> Array:
+def _times(matrices: Array, vectors: Array) -> Array:
     """Products of matrices with vectors."""
     return np.asarray(np.einsum("...ij,...j->...i", matrices, vectors))
 
 
+def _through(matrices: Array, maps: Array) -> Array:
+    """Maps of single supports, then matrices."""
+    constant = _times(matrices, maps[..., -1])
+    return np.concatenate([matrices @ maps[..., :-1], constant[..., None]], axis=-1)
+
+
+def _values(maps: Array, unknowns: Array) -> Array:
+    """Values of maps of single supports."""
+    return _times(maps[..., :-1], unknowns) + maps[..., -1]
+
+
+def _between(problem: Problem, move: Array, begin: Array, end: Array) -> tuple[Array, Array]:
+    """From a support to the next: eight equations of the motion, two of Theta in the middle.
+
+    Maps of the support before and of that after, shape (N - 1, 10, 11) each; their sum is zero.
+    """
+    blend = _in_world(_blend_maps(problem.frequency, problem.blend, problem.double), problem.between)
+    by_state, by_end, by_begin = np.split(blend, [8, 12], axis=2)
+    before, after = _through(by_state, move[:-1]) + _through(by_end, end[:-1]), _through(by_begin, begin[1:])
+    after[:, :8] -= np.eye(8, 11)
+    return before, after
+
+
+def _from_rest(problem: Problem, begin: Array) -> tuple[Array, Array]:
+    """From rest to the first support: equations as above, as its map (10, 11), and one of the nodes (8, 6).
+
+    Theta is zero in the middle of a double support that would be before this support.
+    """
+    by_state, by_begin, by_nodes, by_rest = _quarters(problem.frequency, _stand(np.eye(6)))
+    after = np.zeros((10, 11))
+    after[:8] = _through(by_begin, begin) - np.eye(8, 11)
+    after[:8, -1] += _times(by_state[:, :2] + by_rest, problem.ends[0])
+    half = 0.5 * float(problem.double[0]) if len(problem.double) else 0.0
+    after[8:, 4:8] = np.hstack([-half * np.eye(2), np.eye(2)])
+    return after, by_nodes
+
+
+def _to_rest(problem: Problem, move: Array, end: Array) -> tuple[Array, Array]:
+    """From the last support to rest: eight equations, as its map (8, 11) and one of the nodes (8, 6)."""
+    by_state, by_end, by_nodes, by_rest = _quarters(problem.frequency, _stand(np.eye(6))[::-1])
+    before = _through(by_state, move) + _through(by_end, end)
+    before[:, -1] += _times(by_rest - np.eye(8, 2), problem.ends[1])
+    return before, by_nodes
+
+
 def solve(problem: Problem) -> Solution:
-    """Solve for the states of all supports."""
-    n, place, theta = len(problem.place), problem.place, _THETA / problem.weight
-    move, signal = (in_world(m, problem.axes) for m in single_maps(problem, problem.single))
-    # The maps of a support count from its foot. In world they get constants: of the state at its end (moved),
-    # of the signal at its begin (begun) and end (ended). The signal at its end per state is `leaving`.
-    moved, begun = -times(move[:, :, :2], place), -times(signal[:, :, :2], place)
-    moved[:, :2] += place
-    begun[:, :2] += place
-    ended = begun + times(signal[:, :, :8], moved)
-    leaving = signal[:, :, :8] @ move
-    leaving[:, :, 8:] += signal[:, :, 8:]
-
-    # From a support to the next: eight equations of the motion, two of Theta in the middle.
-    blend = in_world(_blend_maps(problem.frequency, problem.blend, problem.double), problem.between)
-    by_state, by_signal, by_next = blend[:, :, :8], blend[:, :, 8:12], blend[:, :, 12:]
-    before = by_state @ move[:-1] + by_signal @ leaving[:-1]
-    after = by_next @ signal[1:]
-    after[:, :8, :8] -= np.eye(8)
-    known = times(by_state, moved[:-1]) + times(by_signal, ended[:-1]) + times(by_next, begun[1:])
-    for part in (before, after, known):
+    """Solve for the unknowns of all supports, and for the nodes."""
+    n, theta = len(problem.place), _THETA / problem.weight
+    move, begin = _single_maps(problem, problem.single)
+    end = _through(begin[:, :, :8], move)
+    end[:, :, 8:] += begin[:, :, 8:]  # d and 1 remain
+    before, after = _between(problem, move, begin, end)
+    first, first_nodes = _from_rest(problem, begin[0])
+    last, last_nodes = _to_rest(problem, move[-1], end[-1])
+    after = np.concatenate([first[None], after])
+    after[1:, :, -1] += before[:, :, -1]  # all constants of an equation
+    for part in (before, after):
         part[:, 8:] /= theta
-
-    # The ends as maps of: r and q of the support, r and two q of the nodes, the COM at rest.
-    point, arm = stand_nodes(*np.eye(6))
-    up = _quarters(problem.frequency, point, arm)
-    down = _quarters(problem.frequency, point[::-1], arm[::-1])
-    first = np.zeros((10, 10))
-    first[:8] = up[:, 8:12] @ signal[0] - np.eye(8, 10)
-    half = 0.5 * float(problem.double[0]) if n > 1 else 0.0  # Theta is zero in the middle of double support
-    first[8:, 6:8], first[8:, 4:6] = np.eye(2) / theta, -half / theta * np.eye(2)
-    first_known = times(up[:, :2] + up[:, 18:], problem.ends[0]) + times(up[:, 8:12], begun[0])
-    last = down[:, :8] @ move[-1] + down[:, 8:12] @ leaving[-1]
-    last_known = times(down[:, :8], moved[-1]) + times(down[:, 8:12], ended[-1])
-    last_known += times(down[:, 18:] - np.eye(8, 2), problem.ends[1])
-
-    # Nodes, then in turn the equations before a support and its state; equations and nodes of the end.
+    # In turn: the first nodes (6); of every support the equations before it (10) and its unknowns (10);
+    # equations (8) and nodes (6) of the end.
+    equations = 6 + 20 * np.arange(n + 1)
+    unknowns, end_nodes = equations[:-1] + 10, equations[-1] + 8
+    unit, node_unit = np.repeat([1.0, _OFFSET], [8, 2]), np.repeat([1.0, _NODE], [2, 4])
     system = _Banded(20 * n + 20)
-    offset, node = np.repeat([1.0, _OFFSET], [8, 2]), np.repeat([1.0, _NODE], [2, 4])
-    row = 6 + 20 * np.arange(n + 1)
-    system.put(row[:1], [0], up[None, :, 12:18] * node, -first_known[None])
-    system.put(row[:1], row[:1] + 10, first[None] * offset)
-    system.put(row[1:-1], row[1:-1] - 10, before * offset, -known)
-    system.put(row[1:-1], row[1:-1] + 10, after * offset)
-    system.put(row[-1:], row[-1:] - 10, last[None] * offset, -last_known[None])
-    system.put(row[-1:], row[-1:] + 8, down[None, :, 12:18] * node)
-    system.diagonal((row[:-1, None] + np.array([8, 9])).ravel(), -1.0)
-    system.diagonal((row[:-1, None] + np.array([18, 19])).ravel(), 1.0)
-    system.diagonal(np.array([2, 3, 4, 5, *(row[-1] + np.arange(10, 14))]), 1.0)
+    system.put(equations[:1], [0], first_nodes[None] * node_unit)
+    system.put(equations[:-1], unknowns, after[:, :, :-1] * unit, -after[:, :, -1])
+    system.put(equations[1:-1], unknowns[:-1], before[:, :, :-1] * unit)
+    system.put(equations[-1:], unknowns[-1:], last[None, :, :-1] * unit, -last[None, :, -1])
+    system.put(equations[-1:], end_nodes, last_nodes[None] * node_unit)
+    system.diagonal(np.add.outer(equations[:-1], [8, 9]), -1.0)
+    system.diagonal(np.add.outer(unknowns, [8, 9]), 1.0)
+    system.diagonal(np.array([2, 3, 4, 5, *(end_nodes + np.arange(2, 6))]), 1.0)
     x = system.solve()
-    state = x[6:-14].reshape(n, 20)[:, 10:] * offset
-    end = times(move, state) + moved
-    both = np.stack([times(signal, state) + begun, times(leaving, state) + ended], axis=1)
-    nodes = np.stack([x[:6], x[-6:]]) * node
-    shapes = (n, 5, 2), (n, 4, 2), (n, 2, 2, 2), (2, 3, 2)
-    return Solution(problem, *map(np.reshape, (state, end, both, nodes), shapes))
+    state = x[6:-14].reshape(n, 20)[:, 10:] * unit
+    nodes = (np.stack([x[:6], x[-6:]]) * node_unit).reshape(2, 3, 2)
+    signal = np.stack([_values(begin, state), _values(end, state)], axis=1).reshape(n, 2, 2, 2)
+    rise, settle = (_stand(np.array([*signal[-k, k], *nodes[k], problem.ends[k]])) for k in (0, 1))
+    return Solution(
+        problem,
+        state=state.reshape(n, 5, 2),
+        halfway=_values(_single_maps(problem, 0.5 * problem.single)[0][:, 6:], state),
+        end=_values(move, state).reshape(n, 4, 2),
+        signal=signal,
+        stands=np.stack([rise, settle[::-1]]),
+    )
 
 
 class _Banded:
-    """A symmetric indefinite system ``[[D, B'], [B, -I]]`` whose unknowns are in the order of the walk."""
+    """Equations ``B x = b``, and least squares of ``x`` where D has a 1.
+
+    They are one symmetric system ``[[D, B'], [B, -E]]`` in the order of the walk. A row of B whose entry of E
+    is 1 is one of the least squares, too.
+    """
 
     WIDTH = 19
     """Largest distance of an entry from the diagonal."""
@@ -226,7 +265,7 @@ class _Banded:
             self.right[rows[:, :, 0]] = right
 
     def diagonal(self, at: NDArray[np.intp], value: float) -> None:
-        """Put entries of D or -I."""
+        """Put entries of D or -E."""
         self.band[self.WIDTH, at] = value
 
     def solve(self) -> Array:
