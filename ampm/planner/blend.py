@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ampm.geometry import Array
 from ampm.planner.pendulum import LawState
 
 
@@ -85,18 +84,3 @@ class BlendLaw:
             moment_arm=arm,
             moment_arm_integral=0.5 * (q0 + q1) * time + (q1 - q0) * at.integral,
         )
-
-
-@dataclass(frozen=True)
-class HeightLaw:
-    """The height of the COM, and of the support as its ZMP."""
-
-    law: Any  # of these heights; the force point of a BlendLaw is the height that the COM follows
-
-    def evaluate(self, time: Any) -> tuple[Array, Array, Array, Array]:
-        """Height of the COM, rate and acceleration, and height of the support [m, m/s, m/s^2, m].
-
-        All have the shape of the times since the start of the phase [s].
-        """
-        state = self.law.evaluate(time)
-        return state.position, state.velocity, state.acceleration, state.zmp

@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from ampm.brief import Brief
 from ampm.exceptions import InputError
 from ampm.geometry import Array, ReadOnly, rotations
-from ampm.planner.blend import HeightLaw
 from ampm.planner.contacts import LEVEL, PHASE_NAMES, STANCE_NAMES, Contacts, read_only, times_within
 from ampm.planner.pendulum import LawState
 
@@ -49,7 +48,7 @@ class CentroidalPhase(NamedTuple):
     # (L_x, L_y) about the COM at the start, L_y without the plan's constant [N m s]
     angular_momentum: tuple[float, float]
     heading: float = 0.0  # of the laws' axes [rad]
-    z: HeightLaw | None = None  # law of the COM's height; None at the plan's own height over the floor z = 0
+    z: Law | None = None  # upward law, its ZMP at the support's height; None: the plan's height over z = 0
 
 
 def _constant(unit: str, meaning: str) -> Any:
@@ -218,8 +217,8 @@ class CentroidalPlan(Brief):
             for number in np.unique(index):
                 rows, law = index == number, self.phases[number].z
                 if law is not None:
-                    *height, floor[rows] = law.evaluate(local[rows])
-                    moved[:, rows, 2] = height
+                    upward = law.evaluate(local[rows])
+                    moved[:, rows, 2], floor[rows] = upward[:3], upward.zmp
             force = self.mass * (moved[2] + np.array([0.0, 0.0, self.gravity]))
             arm = (moved[0, :, 2] - floor)[:, None] * force[:, :2] + moment[:, ::-1] * np.array([1.0, -1.0])
             zmp = moved[0, :, :2] - arm / force[:, 2:]

@@ -9,12 +9,13 @@ import numpy as np
 from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
-from ampm.planner.blend import BlendLaw, HeightLaw
+from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import Contacts, Footstep, check_landing
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
+from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
 
@@ -48,8 +49,10 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
 
 
 def with_feet(plan: CentroidalPlan, run: RunParameters, body: BodyDescription) -> StepPlan:
-    """The plan of a walk with the feet of a run."""
-    return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+    """A plan with the feet of a run's gait: rolling as its ZMP allows, if it begins standing."""
+    if plan.contacts.phases[0].stance == "both":
+        return StepPlan.of(plan, feet=plan_swings(plan, run.foot, body.sole, run.gait.step_length))
+    return StepPlan.of(plan, feet=plan_feet(plan.contacts, run.foot, body.sole))
 
 
 def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[int, int, float]]:
@@ -125,5 +128,5 @@ def _rest(plan: CentroidalPlan, at: float, start: float, duration: float) -> Cen
     still = BlendLaw(rate, 0.0, duration, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
     high = None
     if plan.climbs:
-        high = HeightLaw(BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z)))
+        high = BlendLaw(rate, 0.0, duration, z, 0.0, (z, z), (floor - z, floor - z))
     return CentroidalPhase(start, duration, (x, y), still, still, (0.0, 0.0), z=high)

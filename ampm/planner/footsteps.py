@@ -72,7 +72,7 @@ def plan_footsteps(
     solved = solve_within_limits(problem_of(footsteps, contacts, gait, body.mass * GRAVITY), body.sole)
     phases = _phases(contacts.starts.tolist(), solved)
     if uneven(footsteps):
-        zmp = solved.stands.sum(axis=2)  # p = r + q
+        zmp = solved.stands.sum(axis=2)  # r + q
         laws = vertical_laws(footsteps, solved.problem, zmp, gait.com_height)
         phases = [phase._replace(z=law) for phase, law in zip(phases, laws, strict=True)]
     plan = replace(nominal, contacts=contacts, phases=tuple(phases))
@@ -250,12 +250,11 @@ def _stand_phases(start: float, end: int, solved: Solution) -> list[CentroidalPh
     state = solved.end[-1, :3] if end else np.stack([problem.ends[0], np.zeros(2), np.zeros(2)])
     phases = []
     for i in range(4):
-        begin, ends = start + i * part, signal[i : i + 2]
-        phase = _blend_phase(begin, part, np.zeros(2), np.eye(2), ends, state, problem)
-        phases.append(phase)
-        along = [law.evaluate(part) for law in (phase.x, phase.y)]
+        ends = signal[i : i + 2]
+        phases.append(_blend_phase(start + i * part, part, np.zeros(2), np.eye(2), ends, state, problem))
+        along = [law.evaluate(part) for law in (phases[-1].x, phases[-1].y)]
         gained = np.array([[at.position, at.velocity, at.moment_arm_integral] for at in along]).T
-        state = gained + np.stack([phase.origin, np.zeros(2), state[2]])
+        state = gained + np.stack([phases[-1].origin, np.zeros(2), state[2]])
     return phases
 
 

@@ -21,7 +21,7 @@ from ampm.description import SoleGeometry
 from ampm.exceptions import BodilyRefusal
 from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
-from ampm.planner.blend import BlendLaw, HeightLaw, shape
+from ampm.planner.blend import BlendLaw, shape
 from ampm.planner.contacts import Footstep, footprint
 from ampm.planner.rest_to_rest import SETTLING, Problem
 
@@ -36,61 +36,79 @@ def uneven(footsteps: Sequence[Footstep]) -> bool:
 
 
 def vertical_laws(
-    footsteps: Sequence[Footstep], problem: Problem, zmp: Sequence[Array], height: float
-) -> list[HeightLaw]:
-    """Heights of the COM in the phases of a walk from rest to rest.
+    footsteps: Sequence[Footstep], problem: Problem, stands: Array, height: float
+) -> list[BlendLaw]:
+    """Upward laws of the COM in the phases of a walk from rest to rest; their ZMP is the support's height.
 
-    The COM follows a point H over the support. For rest at both ends the point is moved in the first and the
-    last double support, by two triangles of some tenths of a millimetre.
+    The COM follows a point r that is H over the support, ``z'' = w^2 (z - r)``. For rest at both ends the
+    point is moved in the first and the last double support, by two triangles of some tenths of a millimetre.
 
     Args:
         footsteps: of the walk.
         problem: its N single supports, and the double supports between them.
-        zmp: at the ends of the quarters of the first and the last double support, shapes (5, 2) [m].
+        stands: ZMP at the ends of the quarters of the first and the last double support, (2, 5, 2) [m].
         height: of the COM over the support, H [m].
 
     Returns:
         Laws of four, 2 N - 1 and four phases.
     """
-    w, n = math.sqrt(GRAVITY / height), 2 * len(problem.single) + 7
-    place = np.array([step.position[:2] for step in footsteps])
-    z = np.array([step.position[2] for step in footsteps])
-    # The phases' durations [s], rates of the blends [1/s], and heights of the support at begin and end [m].
-    duration, rate, support = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
-    duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = problem.single, problem.double, problem.blend[:, 1]
-    support[4:-4:2], support[5:-4:2, 0], support[5:-4:2, 1] = z[1:-1, None], z[1:-2], z[2:-1]
-    for foot, rows, quarters, ends in (
-        (0, slice(0, 4), zmp[0], (0.5, 1.0)),
-        (len(z) - 2, slice(n - 4, n), zmp[1], (0.0, 0.5)),
-    ):
-        across = place[foot + 1] - place[foot]
-        share = np.clip(((quarters - place[foot]) * across).sum(axis=1) / (across**2).sum(), 0.0, 1.0)
-        share[[0, -1]] = ends
-        blended = z[foot] + share * (z[foot + 1] - z[foot])
-        support[rows, 0], support[rows, 1] = blended[:-1], blended[1:]
-    points = np.stack([support, *np.zeros((2, n, 2))])  # and both triangles, of unit height
+    w = math.sqrt(GRAVITY / height)
+    duration, rate, support = _supports(footsteps, problem, stands)
+    points = np.stack([support, *np.zeros((2, *support.shape))])  # and both triangles, of unit height
     points[1, [1, 2], [1, 0]] = points[2, [-3, -2], [1, 0]] = 1.0
-    # z + z'/w grows and is known at the end; z - z'/w fades and is known at the begin.
-    mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
-    begin, end = (shape(rate, duration, time) for time in (np.zeros(n), duration))
-    fade = np.exp(-w * duration)
-    grows, fades = np.empty((2, 3, n + 1))
-    grows[:, n], fades[:, 0] = points[:, -1, 1], points[:, 0, 0]
-    for k in range(n):
-        here, there = (mean[:, k] + way[:, k] * (at.value[k] - at.rate[k] / w) for at in (begin, end))
-        fades[:, k + 1] = there + fade[k] * (fades[:, k] - here)
-    for k in reversed(range(n)):
-        here, there = (mean[:, k] + way[:, k] * (at.value[k] + at.rate[k] / w) for at in (begin, end))
-        grows[:, k] = here + fade[k] * (grows[:, k + 1] - there)
-    # Velocities at both ends, which the triangles make zero (Cramer's rule).
-    (p, q), (a, b), (c, d) = (grows - fades)[:, [0, n]]
+    grows, fades = _components(points, w, rate, duration)
+    # Heights of the triangles by which the velocities at both ends become zero (Cramer's rule).
+    (p, q), (a, b), (c, d) = (grows - fades)[:, [0, -1]]
     size = np.array([1.0, (q * c - p * d) / (a * d - b * c), (p * b - q * a) / (a * d - b * c)])
     grows, fades = (size[:, None] * grows).sum(axis=0), (size[:, None] * fades).sum(axis=0)
     position, velocity = height + 0.5 * (grows + fades), 0.5 * w * (grows - fades)
     point = height + (size[:, None, None] * points).sum(axis=0)
-    columns = rate, duration, position[:n], velocity[:n], point, support - point
+    columns = rate, duration, position[:-1], velocity[:-1], point, support - point
     values = zip(*(column.tolist() for column in columns), strict=True)
-    return [HeightLaw(BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm))) for k, T, z0, v0, r, arm in values]
+    return [BlendLaw(w, k, T, z0, v0, tuple(r), tuple(arm)) for k, T, z0, v0, r, arm in values]
+
+
+def _supports(footsteps: Sequence[Footstep], problem: Problem, stands: Array) -> tuple[Array, Array, Array]:
+    """Durations [s], rates of the blends [1/s], (n,), and heights of the support at begin and end (n, 2) [m].
+
+    In both stands the support is between the feet where the ZMP is nearest, and midway at rest.
+    """
+    n = 2 * len(problem.single) + 7
+    place, z = np.split(np.array([step.position for step in footsteps]), [2], axis=1)
+    duration, rate, support = np.full(n, 0.25 * SETTLING), np.zeros(n), np.empty((n, 2))
+    duration[4:-4:2], duration[5:-4:2], rate[5:-4:2] = problem.single, problem.double, problem.blend[:, 1]
+    support[4:-4:2], support[5:-4:2] = z[1:-1], np.hstack([z[1:-2], z[2:-1]])
+    for foot, rows, zmp, ends in (
+        (0, slice(0, 4), stands[0], (0.5, 1.0)),
+        (len(z) - 2, slice(n - 4, n), stands[1], (0.0, 0.5)),
+    ):
+        across = place[foot + 1] - place[foot]
+        share = np.clip(((zmp - place[foot]) * across).sum(axis=1) / (across**2).sum(), 0.0, 1.0)
+        share[[0, -1]] = ends
+        blended = z[foot] + share * (z[foot + 1] - z[foot])
+        support[rows, 0], support[rows, 1] = blended[:-1], blended[1:]
+    return duration, rate, support
+
+
+def _components(points: Array, w: float, rate: Array, duration: Array) -> tuple[Array, Array]:
+    """Components of COMs that follow blends of points r (m, n, 2), at all switches, shape (m, n + 1) each.
+
+    ``xi = z + z'/w`` grows, ``xi' = w (xi - r)``, and is known at the end, where it is at the point;
+    ``eta = z - z'/w`` fades, ``eta' = w (r - eta)``, and is known at the begin. In a phase the distances from
+    the particular solutions, ``mean + w^2/(w^2 + k^2) (sigma +- sigma'/w) (r_1 - r_0)``, change by exp(w T).
+    """
+    n = len(duration)
+    mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]
+    begin, end = (shape(rate, duration, time) for time in (np.zeros(n), duration))
+    fade, (grows, fades) = np.exp(-w * duration), np.empty((2, len(points), n + 1))
+    grows[:, n], fades[:, 0] = points[:, -1, 1], points[:, 0, 0]
+    here, there = (mean + way * (at.value - at.rate / w) for at in (begin, end))
+    for k in range(n):
+        fades[:, k + 1] = there[:, k] + fade[k] * (fades[:, k] - here[:, k])
+    here, there = (mean + way * (at.value + at.rate / w) for at in (begin, end))
+    for k in reversed(range(n)):
+        grows[:, k] = here[:, k] + fade[k] * (grows[:, k + 1] - there[:, k])
+    return grows, fades
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from ampm.exceptions import InputError
 from ampm.geometry import Array, rotations
 from ampm.parameters import GRAVITY
-from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstants
 from ampm.planner.contacts import LEVEL, Contacts, ascending, finite, read_only
 from ampm.planner.newton import ALLOWED, WINDOW, check_newton
@@ -82,45 +81,13 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
         raise InputError(f"times begin at {begin:g} s; begin at 0 s, or give the plan in force as after.")
     if end - times[-1] > times[-1] - times[-2] + 1e-9:
         raise InputError(f"times end at {times[-1]:g} s and contacts at {end:g} s; plan the COM to its end.")
-    given = {name: finite(name, values) for name, values in given.items() if values is not None}
-    if "com" not in given:
-        raise InputError("com is left out; give its place at each of the times.")
-    for name, values in given.items():
-        shape = (2,) if name == "angular_momentum" else (len(times), 2)
-        if values.shape != shape and not (name.startswith("com") and values.shape == (len(times), 3)):
-            way_out = "give a row for each time, with x and y"
-            raise InputError(f"{name} has the shape {values.shape}, not {shape}; {way_out}.")
+    given = _checked(given, len(times))
     given["com"][:, 2:] -= (given["com"][:, :2] @ plan.contacts.slope)[:, None]  # heights over the floor
     high = _height_law(given, times, plan)
-    height, lift = plan.com_height, 1.0  # of the COM [m]; vertical force over the weight
-    if high is not None:
-        over = high.law.position - high.law.zmp
-        height, lift = over[:, None], 1.0 + high.law.acceleration[:, None] / plan.gravity
-    elif given["com"].shape[1] == 3:
-        height = float(given["com"][0, 2])
-        plan = replace(plan, com_height=height)
+    if high is None and given["com"].shape[1] == 3:
+        plan = replace(plan, com_height=float(given["com"][0, 2]))
     given = {name: values[..., :2] for name, values in given.items()}
-    com, rate = given["com"], plan.gravity / height
-    arm = np.zeros_like(com)
-    if "moment" in given:
-        arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
-    if "zmp" in given and plan.contacts.slope != LEVEL:  # laws have the ZMP of level ground
-        away, slope = com - given["zmp"], np.array(plan.contacts.slope)
-        rise, pull = (away @ slope)[:, None], plan.gravity * (away + arm)
-        solved = (pull + away * (pull @ slope)[:, None] / height) / (height + rise)  # by Newton's law
-        acceleration = given.get("com_acceleration", solved)
-        lever = away * (plan.gravity + acceleration @ slope)[:, None] - rise * acceleration
-        given["zmp"] = com - lever / plan.gravity
-    if "com_acceleration" in given:
-        acceleration = given["com_acceleration"]
-        zmp = given.get("zmp", com + arm / lift - acceleration / (rate * lift))
-        if "moment" not in given:
-            arm = acceleration / rate - com * lift + zmp * lift
-    elif "zmp" in given:
-        zmp = given["zmp"]
-        acceleration = rate * (com * lift - zmp * lift + arm)
-    else:
-        raise InputError("zmp and com_acceleration are left out; give one of them or both.")
+    com, (acceleration, zmp, arm) = given["com"], _by_newton(given, plan, high)
     velocity = given.get("com_velocity", np.gradient(com, times, axis=0, edge_order=2))
     momentum = given.get("angular_momentum", np.zeros(2) if first else plan.sample(begin).angular_momentum[0])
     around_x, around_y = momentum.tolist()
@@ -135,11 +102,53 @@ def sampled_plan(plan: CentroidalPlan, times: ArrayLike, **given: Any) -> Centro
             way = np.linalg.norm(np.diff(com, axis=0), axis=1).sum()
             constants = replace(constants, mean_velocity=float(way) / end)
         plan = replace(plan, switching_velocity=constants.mean_velocity, constants=constants)
-    rate = float(np.median(1.0 / np.diff(times)))
-    check_newton(plan, "" if rate >= _ENOUGH else f", or give {_ENOUGH:g} rows a second, not {rate:.3g}")
+    rows = float(np.median(1.0 / np.diff(times)))  # a second
+    check_newton(plan, "" if rows >= _ENOUGH else f", or give {_ENOUGH:g} rows a second, not {rows:.3g}")
     if "com_velocity" in given:
         _check_velocity(times, com, velocity, math.sqrt(plan.com_height / plan.gravity))
     return plan
+
+
+def _checked(given: dict[str, Any], count: int) -> dict[str, Array]:
+    """What is given of the samples, as finite arrays that fit their number."""
+    found = {name: finite(name, values) for name, values in given.items() if values is not None}
+    if "com" not in found:
+        raise InputError("com is left out; give its place at each of the times.")
+    for name, values in found.items():
+        shape = (2,) if name == "angular_momentum" else (count, 2)
+        if values.shape != shape and not (name.startswith("com") and values.shape == (count, 3)):
+            way_out = "give a row for each time, with x and y"
+            raise InputError(f"{name} has the shape {values.shape}, not {shape}; {way_out}.")
+    return found
+
+
+def _by_newton(given: dict[str, Array], plan: CentroidalPlan, high: SampledLaw | None) -> tuple[Array, ...]:
+    """Acceleration, ZMP of level ground and moment arm, (N, 2) each, from those of them that are given.
+
+    ``h a = g (s (com - zmp) + arm)``: h height over the support, s vertical force over the weight.
+    """
+    com, height, lift = given["com"], np.full((1, 1), plan.com_height), np.ones((1, 1))
+    if high is not None:
+        height, lift = (high.position - high.zmp)[:, None], 1.0 + high.acceleration[:, None] / plan.gravity
+    rate, arm = plan.gravity / height, np.zeros_like(com)
+    if "moment" in given:
+        arm = given["moment"][:, ::-1] * [-1.0, 1.0] / plan.weight
+    zmp, acceleration = given.get("zmp"), given.get("com_acceleration")
+    if zmp is not None and plan.contacts.slope != LEVEL:  # that of level ground has the same moment
+        away, slope = com - zmp, np.array(plan.contacts.slope)
+        rise, pull = (away @ slope)[:, None], plan.gravity * (away + arm)
+        solved = (pull + away * (pull @ slope)[:, None] / height) / (height + rise)
+        moves = solved if acceleration is None else acceleration
+        zmp = com - (away * (plan.gravity + moves @ slope)[:, None] - rise * moves) / plan.gravity
+    if acceleration is not None:
+        zmp = com + arm / lift - acceleration / (rate * lift) if zmp is None else zmp
+        if "moment" not in given:
+            arm = acceleration / rate - com * lift + zmp * lift
+    elif zmp is not None:
+        acceleration = rate * (com * lift - zmp * lift + arm)
+    else:
+        raise InputError("zmp and com_acceleration are left out; give one of them or both.")
+    return acceleration, zmp, arm
 
 
 def _check_velocity(times: Array, com: Array, velocity: Array, fall: float) -> None:
@@ -156,7 +165,7 @@ def _check_velocity(times: Array, com: Array, velocity: Array, fall: float) -> N
         )
 
 
-def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> HeightLaw | None:
+def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> SampledLaw | None:
     """The law of heights that vary, of the COM or of footsteps; None if none does."""
     slope, climbs = plan.contacts.slope, bool(plan.contacts.placements[..., 2].any())
     if given["com"].shape[1] == 2 and not climbs:
@@ -187,7 +196,7 @@ def _height_law(given: dict[str, Array], times: Array, plan: CentroidalPlan) -> 
     floor = _support_height(given, times, height, acceleration, plan.contacts) if climbs else still
     if not (low := float((height - floor).min())) > 0.0:
         raise InputError(f"com has the height {low:g} m over the floor; give heights above it.")
-    return HeightLaw(SampledLaw(times - times[0], height, velocity, acceleration, floor, still))
+    return SampledLaw(times - times[0], height, velocity, acceleration, floor, still)
 
 
 def _support_height(

@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.planner.blend import HeightLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
 from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
@@ -267,7 +266,7 @@ def closed_step(steps: StepPlan) -> StepPlan:
     laws, gained = [], []
     axes = [(phase.x, 1.0, length), (phase.y, -1.0, 0.0)]
     if phase.z is not None:
-        axes.append((phase.z.law, 1.0, 0.0))
+        axes.append((phase.z, 1.0, 0.0))
     for law, sign, shift in axes:
         time = cast(SampledLaw, law).time
         times = np.append(time[time < duration - _SAME], duration)
@@ -285,6 +284,6 @@ def closed_step(steps: StepPlan) -> StepPlan:
     grid = np.linspace(0.0, duration, 1001)
     mean = float(np.trapezoid(laws[0].evaluate(grid).moment_arm_integral, grid)) / duration
     momentum = -0.5 * steps.weight * gained[1], steps.weight * mean
-    high = HeightLaw(laws[2]) if phase.z is not None else None
+    high = laws[2] if phase.z is not None else None
     closed = CentroidalPhase(0.0, phase.duration, phase.origin, laws[0], laws[1], momentum, z=high)
     return replace(steps, phases=(closed,))
