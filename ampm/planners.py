@@ -26,10 +26,9 @@ from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, PlanConstan
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts, Footstep
 from ampm.planner.feet import FeetPlan, FootPath
 from ampm.planner.footstep_walk import plan_footstep_walk, stops, with_feet
-from ampm.planner.replan import joined
 from ampm.planner.sampled import SampledLaw, sampled_plan
 from ampm.planner.step_planners import STEP_PLANNERS
-from ampm.planner.stride import plan_feet
+from ampm.planner.stride import joined
 from ampm.planner.support import StepPlan
 from ampm.planner.table import closed_step, repeats, table_motion
 from ampm.section import unknown
@@ -172,12 +171,12 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
     left, right = plan.contacts.placements[0, :, :2]
     if (left - right) @ rotations(plan.contacts.headings[:1])[0, :, 1] < 0.0:
         raise InputError("the left foot is to the right of the right one; exchange them, or the sign of y.")
-    steps = _with_feet(plan, run, robot)
+    steps = with_feet(plan, run, robot.description)
     if plan.contacts.phases[0].stance == "both":
         return _walk_over(steps, run, robot)
     along = replace(plan, contacts=replace(plan.contacts, slope=(run.gait.slope, 0.0)))
     if repeats(along):
-        closed = closed_step(_with_feet(along, run, robot))
+        closed = closed_step(with_feet(along, run, robot.description))
         momentum = closed.phases[0].angular_momentum
         steps = replace(steps, phases=(steps.phases[0]._replace(angular_momentum=momentum),))
         return periodic_walk(steps, closed, run, robot)
@@ -194,19 +193,13 @@ def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot:
         np.searchsorted(new.starts, now + TIME_TOLERANCE) != passed
     ):
         raise InputError(f"the contacts up to {now:g} s differ from those of the plan in force; keep them.")
-    landings = new.starts[passed:][new.kind_codes[passed:] == 1]
-    feet = joined(after.feet, _with_feet(plan, run, robot).feet, now, min([*landings, plan.duration]))
+    landed = min([*new.starts[passed:][new.kind_codes[passed:] == 1], plan.duration])
+    feet, before = with_feet(plan, run, robot.description).feet, after.feet
+    left, right = joined(before.left, feet.left, now, landed), joined(before.right, feet.right, now, landed)
     posture, ahead = after.posture, slice(passed, 1 + min(len(new.starts), len(old.starts)))
     if not np.array_equal(new.switches[ahead], old.switches[ahead]):
         posture = RetimedPosture(posture, *(np.append(now, one.switches[ahead]) for one in (new, old)))
-    return WalkPlan.of(plan, feet=feet, posture=posture)
-
-
-def _with_feet(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> StepPlan:
-    """A plan with the feet of its gait: rolling as its ZMP allows, if it begins standing."""
-    if plan.contacts.phases[0].stance == "both":
-        return with_feet(plan, run, robot.description)
-    return StepPlan.of(plan, feet=plan_feet(plan.contacts, run.foot, robot.description.sole))
+    return WalkPlan.of(plan, feet=replace(feet, left=left, right=right), posture=posture)
 
 
 class TablePlanner:

@@ -225,25 +225,11 @@ def _sample_path(path: FootPath, sole: SoleGeometry, t: Array) -> FootSample:
     acceleration = second[:, :PITCH] - pitch_acceleration[:, None] * per_pitch + rate**2 * arm
     yaw_part = second[:, HEADING, None] * across + turning**2 * _turned_left(across)
     acceleration -= yaw_part + 2.0 * turning * rate * _turned_left(per_pitch)
-    return FootSample(
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        pitch=pitch,
-        pitch_velocity=pitch_velocity,
-        pitch_acceleration=pitch_acceleration,
-        heading=yaw,
-        heading_velocity=yaw_velocity,
-        heading_acceleration=second[:, HEADING],
-        toe=value[:, TOE],
-        toe_velocity=first[:, TOE],
-        toe_acceleration=second[:, TOE],
-        contact=path.contact[index],
-        roll=value[:, ROLL],
-        roll_velocity=first[:, ROLL],
-        roll_acceleration=second[:, ROLL],
-        sole_points=position[:, None] + points,
-    )
+    rows = {"pitch": PITCH, "heading": HEADING, "toe": TOE, "roll": ROLL}
+    ends = {"": value, "_velocity": first, "_acceleration": second}
+    angles = {name + end: part[:, row] for name, row in rows.items() for end, part in ends.items()}
+    contact, points = path.contact[index], position[:, None] + points
+    return FootSample(position, velocity, acceleration, contact=contact, sole_points=points, **angles)
 
 
 def _turned_left(vectors: Array) -> Array:

@@ -22,7 +22,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.geometry import Array
 from ampm.planner.blend import shape
@@ -223,22 +222,17 @@ def solve(problem: Problem) -> Solution:
     system.put(equations[1:-1], unknowns[:-1], before[:, :, :-1] * unit)
     system.put(equations[-1:], unknowns[-1:], last[None, :, :-1] * unit, -last[None, :, -1])
     system.put(equations[-1:], end_nodes, last_nodes[None] * node_unit)
-    system.diagonal(np.add.outer(equations[:-1], [8, 9]), -1.0)
-    system.diagonal(np.add.outer(unknowns, [8, 9]), 1.0)
-    system.diagonal(np.array([2, 3, 4, 5, *(end_nodes + np.arange(2, 6))]), 1.0)
+    thetas, offsets = (np.add.outer(begins, [8, 9]) for begins in (equations[:-1], unknowns))
+    squares = [*offsets.ravel(), 2, 3, 4, 5, *(end_nodes + np.arange(2, 6))]
+    system.band[system.WIDTH, thetas], system.band[system.WIDTH, squares] = -1.0, 1.0
     x = system.solve()
     state = x[6:-14].reshape(n, 20)[:, 10:] * unit
     nodes = (np.stack([x[:6], x[-6:]]) * node_unit).reshape(2, 3, 2)
     signal = np.stack([_values(begin, state), _values(end, state)], axis=1).reshape(n, 2, 2, 2)
     rise, settle = (_stand(np.array([*signal[-k, k], *nodes[k], problem.ends[k]])) for k in (0, 1))
-    return Solution(
-        problem,
-        state=state.reshape(n, 5, 2),
-        halfway=_values(_single_maps(problem, 0.5 * problem.single)[0][:, 6:], state),
-        end=_values(move, state).reshape(n, 4, 2),
-        signal=signal,
-        stands=np.stack([rise, settle[::-1]]),
-    )
+    halfway = _values(_single_maps(problem, 0.5 * problem.single)[0][:, 6:], state)
+    ended, stands = _values(move, state).reshape(n, 4, 2), np.stack([rise, settle[::-1]])
+    return Solution(problem, state.reshape(n, 5, 2), halfway, ended, signal, stands)
 
 
 class _Banded:
@@ -263,10 +257,6 @@ class _Banded:
         self.band[self.WIDTH + columns - rows, rows] = blocks
         if right is not None:
             self.right[rows[:, :, 0]] = right
-
-    def diagonal(self, at: NDArray[np.intp], value: float) -> None:
-        """Put entries of D or -E."""
-        self.band[self.WIDTH, at] = value
 
     def solve(self) -> Array:
         """The solution."""

@@ -6,8 +6,8 @@ down after initial contact, the ball while the heel rises, and in the swing the 
 extra lift at mid swing. Pitch, toe angle and the pivot's path are C2 across every key-frame. Feet that turn
 swing in the heading of the landing; feet that climb rise early or sink late.
 
-How far a foot rolls at each key-frame is a :class:`Roll`: the gait's for equal steps (:func:`plan_feet`), by
-the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
+How far a foot rolls at each of them (:class:`KeyFrames`) is the gait's for equal steps (:func:`plan_feet`),
+by the planned ZMP for any footsteps (:mod:`ampm.planner.swings`).
 
 Everything is closed form; nothing is sampled or integrated.
 """
@@ -54,21 +54,21 @@ _EVEN = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0, 0.0, 0.0, 0.0])
 """Climbs from 0 to 1 over the share of a swing: of a foot that goes up, one that goes down, a quintic."""
 
 
-class Roll(NamedTuple):
-    """How feet leave, swing and land in n steps.
+class KeyFrames(NamedTuple):
+    """How feet leave, swing and land in n steps, as :class:`FootParameters` say it of all.
 
     The foot of footstep k leaves for swing k. The last of n + 1 entries is for the foot that stands in the
     last single support.
     """
 
-    lift: Array  # pitch at toe off, shape (n + 1,) [rad]; the foot leaves flat where this and its rate are 0
-    lift_rate: Array  # its rate, shape (n + 1,) [rad/s]
-    delay: Array  # time by which the heel rises after the begin of the double support, shape (n + 1,) [s]
-    strike: Array  # pitch at landing, toes up, shape (n,) [rad]; it lands flat where this and its rate are 0
-    strike_rate: Array  # speed at which the toes come down, shape (n,) [rad/s]
-    down: Array  # time in which the sole comes down, shape (n,) [s]
-    height: Array  # extra lift at mid swing, shape (n,) [m]
-    bump: Array  # pitch about mid swing, shape (n,) [rad]
+    toe_off_angle: Array  # heel up, shape (n + 1,) [rad]; the foot leaves flat where this and its rate are 0
+    toe_off_rate: Array  # shape (n + 1,) [rad/s]
+    heel_rise_delay: Array  # beside the gait's lead, shape (n + 1,) [s]
+    heel_strike_angle: Array  # toes up, shape (n,) [rad]; the foot lands flat where this and its rate are 0
+    heel_strike_rate: Array  # speed at which the toes come down, shape (n,) [rad/s]
+    full_contact: Array  # time from the landing to the flat sole, shape (n,) [s]
+    swing_height: Array  # extra lift at mid swing, shape (n,) [m]
+    swing_pitch: Array  # extra pitch about mid swing, shape (n,) [rad]
 
 
 class _Segment(NamedTuple):
@@ -127,30 +127,30 @@ def plan_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> F
     n = contacts.steps
     double = np.array([phase.duration for phase in contacts.phases[1::2]])
     rolls = float(foot.schedule == "roll")
-    roll = Roll(
-        lift=np.full(n + 1, rolls * foot.toe_off_angle),
-        lift_rate=np.full(n + 1, rolls * foot.toe_off_rate),
-        delay=np.zeros(n + 1),
-        strike=np.full(n, rolls * foot.heel_strike_angle),
-        strike_rate=np.full(n, rolls * foot.heel_strike_rate),
-        down=foot.full_contact * double,
-        height=np.full(n, foot.swing_height),
-        bump=np.zeros(n),
+    frames = KeyFrames(
+        toe_off_angle=np.full(n + 1, rolls * foot.toe_off_angle),
+        toe_off_rate=np.full(n + 1, rolls * foot.toe_off_rate),
+        heel_rise_delay=np.zeros(n + 1),
+        heel_strike_angle=np.full(n, rolls * foot.heel_strike_angle),
+        heel_strike_rate=np.full(n, rolls * foot.heel_strike_rate),
+        full_contact=foot.full_contact * double,
+        swing_height=np.full(n, foot.swing_height),
+        swing_pitch=np.zeros(n),
     )
-    return rolling_feet(contacts, foot, sole, roll)
+    return feet_of(frames, contacts, foot, sole)
 
 
-def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, roll: Roll) -> FeetPlan:
-    """Plan both feet over footsteps, with a roll of each step.
+def feet_of(frames: KeyFrames, contacts: Contacts, foot: FootParameters, sole: SoleGeometry) -> FeetPlan:
+    """Plan both feet over footsteps, with key-frames of each step.
 
     All steps are built at once: every segment of the stride is an array over the steps, so footsteps and
     durations may differ from step to step.
 
     Args:
+        frames: of every step.
         contacts: left and right footsteps, single and double supports in turn, a double support last.
         foot: key-frame timings.
         sole: the sole's outline.
-        roll: of every step.
 
     Raises:
         InputError: the heel would rise before the foot stands alone, or after it has left.
@@ -180,7 +180,7 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
                 f"alone, or after it has left; take one between {earliest:.4g} s and {latest:.4g} s."
             )
     n, steps = len(single), np.arange(len(single))
-    swings = _swings(foot, sole, place, yaw, single, roll, (tilt, roll_angle))
+    swings = _swings(foot, sole, place, yaw, single, frames, (tilt, roll_angle))
     none, flat = (False, False, False), (True, True, sole.has_toes)
     everywhere = np.ones(n, dtype=bool)
     still = np.zeros((n + 2, ROWS, _ORDER))
@@ -194,22 +194,22 @@ def rolling_feet(contacts: Contacts, foot: FootParameters, sole: SoleGeometry, r
         ),
     ]
     # Roll down about the heel, then the whole sole stands.
-    strikes = (roll.strike != 0.0) | (roll.strike_rate != 0.0)
+    strikes = (frames.heel_strike_angle != 0.0) | (frames.heel_strike_rate != 0.0)
     begin, end = np.zeros((2, 3, n))
-    begin[0], begin[1] = -roll.strike, roll.strike_rate
+    begin[0], begin[1] = -frames.heel_strike_angle, frames.heel_strike_rate
     on_heel = still[2:].copy()
     on_heel[:, : Z + 1, 0] = _on_sole(sole.heel_x, place[2:], yaw[2:], tilt)
-    on_heel[:, PITCH, :_QUINTIC] = quintic(begin, end, roll.down)
+    on_heel[:, PITCH, :_QUINTIC] = quintic(begin, end, frames.full_contact)
     on_heel[:, PITCH, 0] -= tilt
-    down = landed + np.where(strikes, roll.down, 0.0)
+    down = landed + np.where(strikes, frames.full_contact, 0.0)
     segments += [
         _Segment(steps + 2, landed, PIVOT_HEEL, (True, False, False), on_heel, strikes),
         _Segment(steps + 2, down, PIVOT_BALL, flat, still[2:], everywhere),
     ]
     # The heel of the standing foot rises about the ball.
-    rises = (roll.lift[1:] != 0.0) | (roll.lift_rate[1:] != 0.0)
-    rise = double + foot.heel_rise_lead - roll.delay[1:]
-    end[0], end[1] = roll.lift[1:], roll.lift_rate[1:]
+    rises = (frames.toe_off_angle[1:] != 0.0) | (frames.toe_off_rate[1:] != 0.0)
+    rise = double + foot.heel_rise_lead - frames.heel_rise_delay[1:]
+    end[0], end[1] = frames.toe_off_angle[1:], frames.toe_off_rate[1:]
     rising = still[1:-1].copy()
     rising[:, PITCH, :_QUINTIC] = quintic(np.zeros((3, n)), end, rise)
     if sole.has_toes:
@@ -229,7 +229,7 @@ def _swings(
     place: Array,
     yaw: Array,
     single: Array,
-    roll: Roll,
+    frames: KeyFrames,
     floor: tuple[float, float],
 ) -> list[tuple[float, Array]]:
     """Pieces of n swings: share of the swing at which a piece begins, and its curves, shape (n, 7, 9).
@@ -242,19 +242,19 @@ def _swings(
     along = rotations(yaw[2:])[:, :, 0]
     # Value, rate and acceleration of the ball at both ends. It arrives turning about the heel that has just
     # landed.
-    x, rate = sole.ball_x - sole.heel_x, roll.strike_rate
-    c, s = np.cos(-roll.strike - tilt), np.sin(-roll.strike - tilt)
+    x, pitch, rate = sole.ball_x - sole.heel_x, -frames.heel_strike_angle - tilt, frames.heel_strike_rate
+    c, s = np.cos(pitch), np.sin(pitch)
     begin, end = np.zeros((2, 3, ROWS, n))
     begin[0, :3] = _on_sole(sole.ball_x, behind, yaw[:n], tilt).T
-    begin[0, PITCH], begin[1, PITCH] = roll.lift[:n] - tilt, roll.lift_rate[:n]
+    begin[0, PITCH], begin[1, PITCH] = frames.toe_off_angle[:n] - tilt, frames.toe_off_rate[:n]
     heel = _on_sole(sole.heel_x, ahead, yaw[2:], tilt)
     end[0, :2] = (heel[:, :2] + (x * c)[:, None] * along).T
-    end[0, Z], end[0, PITCH], end[0, HEADING] = heel[:, 2] - x * s, -roll.strike - tilt, yaw[2:] - yaw[:n]
+    end[0, Z], end[0, PITCH], end[0, HEADING] = heel[:, 2] - x * s, pitch, yaw[2:] - yaw[:n]
     end[1, :2], end[1, Z], end[1, PITCH] = -x * s * rate * along.T, -x * c * rate, rate
     end[2, :2], end[2, Z] = -x * c * rate**2 * along.T, x * s * rate**2
     durations = np.tile(single, (ROWS, 1))
     if sole.has_toes:
-        begin[0, TOE], begin[1, TOE] = -roll.lift[:n], -roll.lift_rate[:n]
+        begin[0, TOE], begin[1, TOE] = -frames.toe_off_angle[:n], -frames.toe_off_rate[:n]
         durations[TOE] *= foot.toe_return
     swing = np.zeros((n, ROWS, _ORDER))
     swing[:, :, :_QUINTIC] = quintic(begin, end, durations).swapaxes(0, 1)
@@ -265,14 +265,14 @@ def _swings(
     if travel[:, 2].any():
         climb = np.where(travel[:, 2:] > 0.0, _EARLY, _LATE) - _EVEN
         swing[:, Z] += travel[:, 2:] * climb / powers
-    swing[:, PITCH] += roll.bump[:, None] * _BUMP / powers
+    swing[:, PITCH] += frames.swing_pitch[:, None] * _BUMP / powers
     lift = LIFT / powers
     # A foot that points down turns about the world's x axis by the whole leg, so it swings level.
     swing[:, ROLL] -= roll_angle * _LEVEL / powers
     swing[:, ROLL, 0] += roll_angle
     swing[:, X] -= (foot.swing_lag * travel[:, 0])[:, None] * lift
     swing[:, Y] -= (foot.swing_lag * travel[:, 1])[:, None] * lift
-    swing[:, Z] += (roll.height - math.tan(tilt) * foot.swing_lag * travel[:, 0])[:, None] * lift
+    swing[:, Z] += (frames.swing_height - math.tan(tilt) * foot.swing_lag * travel[:, 0])[:, None] * lift
     if foot.schedule == "flat" or foot.toe_return == 1.0:
         return [(0.0, swing)]
     straight = shift(swing, foot.toe_return * single)  # from there on the toe joint is straight
@@ -299,6 +299,33 @@ def _foot_path(segments: list[_Segment], parity: int) -> FootPath:
         pivot=np.repeat([part.pivot for part in segments], counts)[order],
         contact=np.repeat([part.contact for part in segments], counts, axis=0)[order],
         curve=curve[order],
+    )
+
+
+def joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPath:
+    """A foot of one plan until an instant, then of another; their difference fades until a landing.
+
+    Args:
+        old: motion until then.
+        new: motion from then on, with the foot on the floor at that instant or not, as the old one.
+        begin: the instant, within both plans [s].
+        landed: when the swinging foot lands, or the next one to swing if both stand [s].
+    """
+    before, row = old.start < begin, int(new.segments(np.array([begin]))[0])
+    start = np.maximum(new.start[row:], begin)
+    curves = shift(new.curve[row:], start - new.start[row:])
+    last = slice(max(int(before.sum()) - 1, 0), max(int(before.sum()), 1))  # the segment in force
+    gap = shift(old.curve[last], begin - old.start[last])[0] - curves[0]
+    values = gap[:, :3].T * np.array([[1.0], [1.0], [2.0]])  # with rates and accelerations
+    fade = np.zeros_like(gap)
+    fade[:, :6] = quintic(values, np.zeros_like(values), np.full(len(gap), landed - begin))
+    swings = start < landed - 1e-9
+    curves[swings] += shift(fade[None].repeat(swings.sum(), axis=0), start[swings] - begin)
+    return FootPath(
+        start=np.concatenate([old.start[before], start]),
+        pivot=np.concatenate([old.pivot[before], new.pivot[row:]]),
+        contact=np.concatenate([old.contact[before], new.contact[row:]]),
+        curve=np.concatenate([old.curve[before], curves]),
     )
 
 

@@ -21,7 +21,7 @@ from ampm.planner.contacts import Contacts
 from ampm.planner.feet import FeetPlan
 from ampm.planner.heights import Ground, uneven
 from ampm.planner.rest_to_rest import SETTLING
-from ampm.planner.stride import LIFT, Roll, rolling_feet
+from ampm.planner.stride import LIFT, KeyFrames, feet_of
 
 _PITCH_BUMP = 0.55  # pitch about mid swing after a step with no roll at all [rad]
 _FLAT, _MOST = 0.25, 1.15  # share of the gait's step that is walked flat; largest share of its roll [1]
@@ -49,11 +49,11 @@ def plan_swings(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, 
         InputError: the heel would rise too early or too late.
         BodilyRefusal: a foot cannot swing over an edge of the floor.
     """
-    roll = _rolls(plan, foot, sole, length)
-    feet = rolling_feet(plan.contacts, foot, sole, roll)
+    frames = _key_frames(plan, foot, sole, length)
+    feet = feet_of(frames, plan.contacts, foot, sole)
     if uneven(plan.contacts.footsteps):
-        missing = _missing_height(plan.contacts, feet, sole)
-        feet = rolling_feet(plan.contacts, foot, sole, roll._replace(height=roll.height + missing))
+        higher = frames.swing_height + _missing_height(plan.contacts, feet, sole)
+        feet = feet_of(frames._replace(swing_height=higher), plan.contacts, foot, sole)
     return feet
 
 
@@ -79,52 +79,67 @@ def _missing_height(contacts: Contacts, feet: FeetPlan, sole: SoleGeometry) -> A
     return missing
 
 
-def _rolls(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, step_length: float) -> Roll:
-    """How every foot rolls, from the gait's roll and from the ZMP on the standing foot."""
-    contacts, n = plan.contacts, plan.contacts.steps
-    footsteps, starts = contacts.footsteps, contacts.starts
+def _key_frames(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, length: float) -> KeyFrames:
+    """Key-frames of every step: as much of the gait's as the feet's distance and the planned ZMP allow."""
+    footsteps, starts, n = plan.contacts.footsteps, plan.contacts.starts, plan.contacts.steps
     place = np.array([step.position[:2] for step in footsteps])
     forward = rotations([step.heading for step in footsteps])[:, :, 0]
-    # Distance ahead of the front foot in every double support, along the mean heading.
-    length = (rotations(contacts.headings[0::2])[:, :, 0] * np.diff(place, axis=0)).sum(axis=1)
-    share = np.clip((length / step_length - _FLAT) / (1.0 - _FLAT), 0.0, _MOST)
-    if foot.schedule == "flat":
-        share[:] = 0.0
-    # ZMP on the standing foot, along it, at the begin and the end of every single support.
+    double = np.diff(starts, append=plan.duration)[0::2]
+    share = _roll_shares(plan.contacts, place, double, length) * float(foot.schedule == "roll")
+    # ZMP on the standing foot at the begin and the end of every single support.
     begin, end = (
-        ((plan.sample(times).zmp - place[1:-1]) * forward[1:-1]).sum(axis=1)
-        for times in (starts[1::2], starts[2::2])
+        _zmp_ahead(plan, times, place[1:-1], forward[1:-1]) for times in (starts[1::2], starts[2::2])
     )
-    # The feet do not roll out of a stand, nor into one.
-    double = np.diff(starts, append=contacts.duration)[0::2]
-    rests = double >= 2.0 * SETTLING - 1e-9
-    rests[[0, -1]] = True
-    lift, strike = np.where(rests, 0.0, share)[:n], np.where(rests, 0.0, share)[1:]
-    delay = np.zeros(n)  # of the heel's rise, over the double support
-    delay[1:] = np.clip((sole.ball_x - _AT_BALL - end[:-1]) / (_WAIT * sole.length), 0.0, _LATEST)
-    lift[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
+    lift, delay = _heel_rises(share[:n], end, sole)
     # A heel that rises late by itself waits only for the rest.
     late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
     wait = np.maximum(delay + late, 0.0)
+    angle, rate = lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)), lift * foot.toe_off_rate
+    latest = double[:-1] + foot.heel_rise_lead - _SLOWLY * angle / np.maximum(rate, 1e-9)
+    strike = share[1:].copy()
     to_heel = begin[1:] / sole.heel_x
     strike[:-1] *= np.clip((to_heel - _NO_STRIKE) / (_FULL_STRIKE - _NO_STRIKE), 0.0, 1.0)
     # The sole is down before the ZMP has passed the heel.
-    share_of_time = np.linspace(0.0, foot.full_contact, _GRID)
-    times = (starts[2::2, None] + share_of_time * double[1:, None]).ravel()
-    zmp = plan.sample(np.minimum(times, plan.duration)).zmp.reshape(n, _GRID, 2) - place[2:, None]
-    behind_heel = (zmp * forward[2:, None]).sum(axis=2) <= sole.heel_x
-    down = foot.full_contact * np.clip((behind_heel.sum(axis=1) - 1) / (_GRID - 1), _QUICKEST, 1.0)
-    angle, rate = lift * foot.toe_off_angle * (1.0 - wait / (1.0 + late)), lift * foot.toe_off_rate
-    latest = double[:-1] + foot.heel_rise_lead - _SLOWLY * angle / np.maximum(rate, 1e-9)
-    travel = ((place[2:] - place[:n]) * forward[2:]).sum(axis=1) / (1.5 * step_length)
-    bump = _PITCH_BUMP * np.maximum(1.0 - lift * (1.0 - delay), 0.0) * np.clip(travel, 0.0, 1.0)
-    return Roll(
-        lift=np.append(angle, 0.0),
-        lift_rate=np.append(rate, 0.0),
-        delay=np.append(np.minimum(wait * double[:-1], latest), 0.0),
-        strike=strike * foot.heel_strike_angle,
-        strike_rate=strike * foot.heel_strike_rate,
-        down=down * double[1:],
-        height=np.full(n, foot.swing_height),
-        bump=bump,
+    grid = starts[2::2] + np.linspace(0.0, foot.full_contact, _GRID)[:, None] * double[1:]
+    behind_heel = _zmp_ahead(plan, grid, place[2:], forward[2:]) <= sole.heel_x
+    down = foot.full_contact * np.clip((behind_heel.sum(axis=0) - 1) / (_GRID - 1), _QUICKEST, 1.0)
+    travel = ((place[2:] - place[:n]) * forward[2:]).sum(axis=1) / (1.5 * length)
+    return KeyFrames(
+        toe_off_angle=np.append(angle, 0.0),
+        toe_off_rate=np.append(rate, 0.0),
+        heel_rise_delay=np.append(np.minimum(wait * double[:-1], latest), 0.0),
+        heel_strike_angle=strike * foot.heel_strike_angle,
+        heel_strike_rate=strike * foot.heel_strike_rate,
+        full_contact=down * double[1:],
+        swing_height=np.full(n, foot.swing_height),
+        swing_pitch=_PITCH_BUMP * np.maximum(1.0 - lift * (1.0 - delay), 0.0) * np.clip(travel, 0.0, 1.0),
     )
+
+
+def _roll_shares(contacts: Contacts, place: Array, double: Array, step_length: float) -> Array:
+    """Share of the gait's roll by the distance of the front foot in all n + 1 double supports [1].
+
+    The feet do not roll out of a stand, nor into one. Durations ``double`` are in s.
+    """
+    along = rotations(contacts.headings[0::2])[:, :, 0]  # the mean heading
+    length = (along * np.diff(place, axis=0)).sum(axis=1)
+    rests = double >= 2.0 * SETTLING - 1e-9
+    rests[[0, -1]] = True
+    return np.where(rests, 0.0, np.clip((length / step_length - _FLAT) / (1.0 - _FLAT), 0.0, _MOST))
+
+
+def _heel_rises(share: Array, end: Array, sole: SoleGeometry) -> tuple[Array, Array]:
+    """Shares of the gait's roll with which n feet leave, and delay of the rise over the double support [1].
+
+    The ZMP ``end`` is that on all but the first foot when its single support ends [m].
+    """
+    rises, delay = share.copy(), np.zeros(len(share))
+    rises[1:][end[:-1] < _NO_RISE * sole.ball_x] = 0.0
+    delay[1:] = np.clip((sole.ball_x - _AT_BALL - end[:-1]) / (_WAIT * sole.length), 0.0, _LATEST)
+    return rises, delay
+
+
+def _zmp_ahead(plan: CentroidalPlan, times: Array, place: Array, forward: Array) -> Array:
+    """Distance of the ZMP ahead of n footsteps, along them, at times (..., n) [s], shape (..., n) [m]."""
+    zmp = plan.sample(np.minimum(times.ravel(), plan.duration)).zmp.reshape(*times.shape, 2)
+    return np.asarray(((zmp - place) * forward).sum(axis=-1))
