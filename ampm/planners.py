@@ -188,10 +188,8 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
 def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
     """A plan of samples with feet and posture that go on from those of the plan in force."""
     now, new, old = plan.phases[0].start, plan.contacts, after.contacts
-    passed = int(np.searchsorted(old.starts, now + TIME_TOLERANCE))
-    if not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]) or (
-        np.searchsorted(new.starts, now + TIME_TOLERANCE) != passed
-    ):
+    passed, planned = (int(np.searchsorted(one.starts, now + TIME_TOLERANCE)) for one in (new, old))
+    if passed != planned or not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]):
         raise InputError(f"the contacts up to {now:g} s differ from those of the plan in force; keep them.")
     landed = min([*new.starts[passed:][new.kind_codes[passed:] == 1], plan.duration])
     feet, before = with_feet(plan, run, robot.description).feet, after.feet

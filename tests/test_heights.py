@@ -49,8 +49,7 @@ CASES = [(gait, name) for gait in GAITS for name in WALKS if (gait, name) != ("m
 @pytest.mark.parametrize(("gait", "name"), CASES)
 def test_the_horizontal_motion_is_that_of_level_ground(gait, name):
     walk, level = plan(WALKS[name], gait), plan(raised(WALKS[name], [0.0]), gait)
-    times = np.linspace(0.0, walk.duration, 1001)
-    here, there = walk.sample(times), level.sample(times)
+    here, there = (one.sample(np.linspace(0.0, one.duration, 1001)) for one in (walk, level))
     for field in ("com", "com_velocity", "com_acceleration"):
         np.testing.assert_array_equal(getattr(here, field)[:, :2], getattr(there, field)[:, :2])
     for field in ("moment", "angular_momentum", "stance"):

@@ -308,14 +308,17 @@ def joined(old: FootPath, new: FootPath, begin: float, landed: float) -> FootPat
     Args:
         old: motion until then.
         new: motion from then on, with the foot on the floor at that instant or not, as the old one.
-        begin: the instant, within both plans [s].
+        begin: the instant, within both plans [s]; a foot on its heel first comes down as in the old one.
         landed: when the swinging foot lands, or the next one to swing if both stand [s].
     """
-    before, row = old.start < begin, int(new.segments(np.array([begin]))[0])
-    start = np.maximum(new.start[row:], begin)
+    last = int(old.segments(np.array([begin]))[0])
+    if old.pivot[last] == PIVOT_HEEL:
+        last, begin = last + 1, float(old.start[last + 1])
+    row = int(new.segments(np.array([begin]))[0])
+    row += int(new.pivot[row] == PIVOT_HEEL)
+    before, start = old.start < begin, np.append(begin, new.start[row + 1 :])
     curves = shift(new.curve[row:], start - new.start[row:])
-    last = slice(max(int(before.sum()) - 1, 0), max(int(before.sum()), 1))  # the segment in force
-    gap = shift(old.curve[last], begin - old.start[last])[0] - curves[0]
+    gap = shift(old.curve[last : last + 1], np.array([begin - old.start[last]]))[0] - curves[0]
     values = gap[:, :3].T * np.array([[1.0], [1.0], [2.0]])  # with rates and accelerations
     fade = np.zeros_like(gap)
     fade[:, :6] = quintic(values, np.zeros_like(values), np.full(len(gap), landed - begin))
