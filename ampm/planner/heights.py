@@ -95,7 +95,7 @@ def _components(points: Array, w: float, rate: Array, duration: Array) -> tuple[
 
     ``xi = z + z'/w`` grows, ``xi' = w (xi - r)``, and is known at the end, where it is at the point;
     ``eta = z - z'/w`` fades, ``eta' = w (r - eta)``, and is known at the begin. In a phase the distances from
-    the particular solutions, ``mean + w^2/(w^2 + k^2) (sigma +- sigma'/w) (r_1 - r_0)``, change by exp(w T).
+    ``mean + w^2/(w^2 + k^2) (sigma +- sigma'/w) (r_1 - r_0)``, the blend's own motion, change by exp(+-w T).
     """
     n = len(duration)
     mean, way = points.mean(axis=2), w**2 / (w**2 + rate**2) * np.diff(points, axis=2)[..., 0]

@@ -31,7 +31,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 
 class LawState(NamedTuple):
-    """State of a law at some times; every field has the shape of the times. Upwards arms have no meaning."""
+    """State of a law at some times; every field has the shape of the times. Upward arms mean nothing."""
 
     position: Array  # COM from the law's origin [m]
     velocity: Array  # of the COM [m/s]

@@ -87,7 +87,7 @@ def _blend_maps(frequency: float, rate: Array, duration: Array) -> list[list[Arr
     """Blends with rates (n, 2) [1/s] and durations (n,) [s] along their axes.
 
     From (c, v, J, Theta) at the begin and (r, q) at begin and end to (c, v, J, Theta) at the end and Theta in
-    the middle, shape (n, 2, 5, 8).
+    the middle: 5 times 8 entries of shape (n, 2).
     """
     T, w = np.broadcast_to(duration[:, None], rate.shape), frequency
     end, middle = shape(rate, T, T), shape(rate, T, 0.5 * T)
