@@ -186,13 +186,14 @@ def _first_walk(plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkP
 
 
 def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot: Robot) -> WalkPlan:
-    """A plan of samples with feet and posture that go on from those of the plan in force."""
+    """A plan of samples: feet, which roll by the ZMP walked before too, and posture go on from before."""
     now, new, old = plan.phases[0].start, plan.contacts, after.contacts
     passed, planned = (int(np.searchsorted(one.starts, now + TIME_TOLERANCE)) for one in (new, old))
     if passed != planned or not np.array_equal(new.stance_codes[:passed], old.stance_codes[:passed]):
         raise InputError(f"the contacts up to {now:g} s differ from those of the plan in force; keep them.")
     landed = min([*new.starts[passed:][new.kind_codes[passed:] == 1], plan.duration])
-    feet, before = with_feet(plan, run, robot.description).feet, after.feet
+    walked, before = [phase for phase in after.phases if phase.start < now], after.feet
+    feet = with_feet(replace(plan, phases=(*walked, *plan.phases)), run, robot.description).feet
     left, right = joined(before.left, feet.left, now, landed), joined(before.right, feet.right, now, landed)
     posture, ahead = after.posture, slice(passed, 1 + min(len(new.starts), len(old.starts)))
     if not np.array_equal(new.switches[ahead], old.switches[ahead]):

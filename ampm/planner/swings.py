@@ -87,9 +87,8 @@ def _key_frames(plan: CentroidalPlan, foot: FootParameters, sole: SoleGeometry, 
     double = np.diff(starts, append=plan.duration)[0::2]
     share = _roll_shares(plan.contacts, place, double, length) * float(foot.schedule == "roll")
     # ZMP on the standing foot at the begin and the end of every single support.
-    begin, end = (
-        _zmp_ahead(plan, times, place[1:-1], forward[1:-1]) for times in (starts[1::2], starts[2::2])
-    )
+    stance = place[1:-1], forward[1:-1]
+    begin, end = (_zmp_ahead(plan, times, *stance) for times in (starts[1::2], starts[2::2]))
     lift, delay = _heel_rises(share[:n], end, sole)
     # A heel that rises late by itself waits only for the rest.
     late = np.minimum(foot.heel_rise_lead, 0.0) / double[:-1]
@@ -141,5 +140,5 @@ def _heel_rises(share: Array, end: Array, sole: SoleGeometry) -> tuple[Array, Ar
 
 def _zmp_ahead(plan: CentroidalPlan, times: Array, place: Array, forward: Array) -> Array:
     """Distance of the ZMP ahead of n footsteps, along them, at times (..., n) [s], shape (..., n) [m]."""
-    zmp = plan.sample(np.minimum(times.ravel(), plan.duration)).zmp.reshape(*times.shape, 2)
-    return np.asarray(((zmp - place) * forward).sum(axis=-1))
+    sample = plan.sample(np.clip(times.ravel(), plan.phases[0].start, plan.duration))
+    return np.asarray(((sample.zmp.reshape(*times.shape, 2) - place) * forward).sum(axis=-1))
