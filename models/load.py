@@ -5,7 +5,7 @@ of the world, x where the feet point.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
@@ -26,7 +26,7 @@ from ampm.parameters import HUMAN, RunParameters
 from models import scene
 from models.human import COM_OVER_HIP, HIP_HEIGHT, build_human
 from models.scene import BodyModel, add
-from models.segments import Segment, limb_middles
+from models.segments import Hinge, Segment
 from models.source import MASSLESS, body_path, compiled_source, read_body_file, source_path
 from models.tree import Tree
 
@@ -47,17 +47,31 @@ _RESERVED = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *ma
 
 
 class _Leg(NamedTuple):
-    """Numbers of the hinges from trunk to knee and from knee to foot, and of the foot's segment."""
+    """Hinges from trunk to knee and from knee to foot, and the foot."""
 
-    hip: list[int]
-    knee: int
-    ankle: list[int]
-    foot: int
+    hip: list[Hinge]
+    knee: Hinge
+    ankle: list[Hinge]
+    foot: Segment
 
     @property
-    def joints(self) -> list[int]:
+    def joints(self) -> list[Hinge]:
         """Root to foot."""
         return [*self.hip, self.knee, *self.ankle]
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Centres of hip and ankle, those of their pitch, each of shape (3,) [m]."""
+        return _place(self.hip, 1), _place(self.ankle, 1)
+
+    def straight(self) -> tuple[float, float]:
+        """Angle of the straight knee [rad], and the length of the leg [m]."""
+        axis, centre = self.knee.axis, self.knee.place
+        upper, lower = (end - centre for end in self.ends)
+        along = float((upper - lower) @ axis)
+        upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
+        angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
+        return angle, math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
 
 
 class Writer:
@@ -65,32 +79,23 @@ class Writer:
 
     def __init__(self, tree: Tree) -> None:
         self.tree, self.file = tree, tree.file
-        self.hinges = [hinge.name for hinge in tree.hinges]
-        if taken := sorted(_RESERVED.intersection(self.hinges)):
+        if taken := sorted(_RESERVED.intersection(tree.hinges)):
             raise InputError(f"joints have names that ampm needs: {', '.join(taken)}; rename them.")
-        names = _RESERVED.union(self.hinges)  # Pinocchio has one set of names for all
-        self.names = [f"{s.name}_segment" if s.name in names else s.name for s in tree.segments]
-        places = [tree.segments[segment].place for segment in tree.segment_of]
-        self.anchors = [place + hinge.anchor for place, hinge in zip(places, tree.hinges, strict=True)]
+        others = _RESERVED.union(tree.hinges)  # Pinocchio has one set of names for all
+        self.names = {s: f"{s.name}_segment" if s.name in others else s.name for s in tree.segments}
         self._find_legs()
-        self._find_arms()
-
-    def _path(self, segment: int) -> list[int]:
-        """Hinges from the root to a segment."""
-        here = [k for k, owner in enumerate(self.tree.segment_of) if owner == segment]
-        return [*self._path(self.tree.segments[segment].parent), *here] if segment >= 0 else []
 
     def _find_legs(self) -> None:
         """Find legs and trunk from the feet, knees and trunk that the description names."""
         tree, file = self.tree, self.file
         feet = [tree.of_body[body] for body in tree.feet]
-        left, right = (self._path(foot) for foot in feet)
-        shared = [k for k in left if k in right]
+        left, right = (foot.chain for foot in feet)
+        shared = [joint for joint in left if joint in right]
         self.legs: list[_Leg] = []
         for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
-            joints = [k for k in self._path(foot) if k not in shared]
-            pitches = joints[-2:-1] == [knee] and abs(tree.hinges[joints[-1]].axis[1]) > _SIDEWAYS
+            joints = [joint for joint in foot.chain if joint not in shared]
+            pitches = joints[-2:-1] == [knee] and abs(joints[-1].axis[1]) > _SIDEWAYS
             if len(joints) != LEG_JOINTS and not (len(joints) == LEG_JOINTS - 1 and pitches):
                 why = (
                     "which cannot hold a sole flat: that takes 6, or 3 at the hip, the knee and the ankle's "
@@ -100,14 +105,14 @@ class Writer:
                     "segment that they hang on as foot, and its sole"
                 )
                 raise InputError(
-                    f"the {side} leg has {len(joints)} hinges ({', '.join(self._names_of(joints))}), {why} "
+                    f"the {side} leg has {len(joints)} hinges ({', '.join(_names(joints))}), {why} "
                     "in the body's description.",
                     key="body.foot",
                 )
             if knee not in joints[1:-1]:
-                where = f"is a joint of the other leg than the {side} foot {tree.segments[foot].name!r}"
+                where = f"is a joint of the other leg than the {side} foot {foot.name!r}"
                 if knee not in other or knee in shared:
-                    names = ", ".join(self._names_of(joints))
+                    names = ", ".join(_names(joints))
                     where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
                     f"the knee {name!r} {where}; correct knee or foot in the body's description.",
@@ -117,14 +122,14 @@ class Writer:
             self.legs.append(_Leg(joints[:at], knee, joints[at + 1 :], foot))
             self._check_knee(self.legs[-1])
         self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
-        self.trunk_joints = shared + [k for k in self._path(self.trunk) if k not in shared]
+        self.trunk_joints = shared + [joint for joint in self.trunk.chain if joint not in shared]
         if set(self.trunk_joints) & set(self.legs[0].joints + self.legs[1].joints):
             raise InputError("the trunk hangs on a leg; correct body.trunk.", key="body.trunk")
 
     def _check_knee(self, leg: _Leg) -> None:
         """Refuse a knee that does not bend its leg."""
-        joint, centre = self.tree.hinges[leg.knee], self.anchors[leg.knee]
-        to_hip, to_ankle = (np.linalg.norm(self._anchor_about(k, 1) - centre) for k in (leg.hip, leg.ankle))
+        joint = leg.knee
+        to_hip, to_ankle = (np.linalg.norm(end - joint.place) for end in leg.ends)
         beside = abs(joint.axis[1]) < _SIDEWAYS or min(to_hip, to_ankle) < _LEAST_PART * (to_hip + to_ankle)
         if beside or 0.0 < joint.high - joint.low < _LEAST_BEND:
             axis = ", ".join(f"{part:.2g}" for part in joint.axis)
@@ -135,40 +140,14 @@ class Writer:
                 key="body.knee",
             )
 
-    def _find_arms(self) -> None:
-        """Sort the hinges of neither legs nor trunk: left arm, right arm, in the middle."""
-        legs_and_trunk = {*self.trunk_joints, *self.legs[0].joints, *self.legs[1].joints}
-        self.arms: tuple[list[int], list[int], list[int]] = ([], [], [])
-        side = limb_middles(self.tree.segments)[:, 1]
-        for k, image in enumerate(self.tree.images):
-            if k not in legs_and_trunk:
-                self.arms[2 if image == k else int(side[k] < side[image])].append(k)
-
-    def _anchor_about(self, joints: Sequence[int], axis: int) -> Array:
-        """Anchor of the hinge whose axis is nearest to an axis of the world, shape (3,) [m]."""
-        return self.anchors[max(joints, key=lambda k: abs(self.tree.hinges[k].axis[axis]))]
-
-    def _straight(self, leg: _Leg) -> tuple[float, float]:
-        """Angle of the straight knee [rad], and the length of the leg [m]."""
-        axis, centre = self.tree.hinges[leg.knee].axis, self.anchors[leg.knee]
-        upper, lower = self._anchor_about(leg.hip, 1) - centre, self._anchor_about(leg.ankle, 1) - centre
-        along = float((upper - lower) @ axis)
-        upper, lower = upper - (upper @ axis) * axis, lower - (lower @ axis) * axis
-        angle = math.atan2(float(np.cross(lower, -upper) @ axis), float(lower @ -upper))
-        return angle, math.hypot(float(np.linalg.norm(upper) + np.linalg.norm(lower)), along)
-
-    def _names_of(self, joints: Sequence[int]) -> tuple[str, ...]:
-        return tuple(self.hinges[k] for k in joints)
-
     def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
         """Write the sole of a leg into its foot, and describe the leg."""
         outline, sign = self.file.sole, 1.0 if side == "left" else -1.0
-        turn = sole_turn(self.file.sole.pitch)
+        turn = sole_turn(outline.pitch)
         origin = turn @ np.array([outline.reference, sign * outline.middle, outline.bottom])
         origin += self.tree.foot_offset * (1.0, sign, 1.0)
         add(foot, "site", name=f"{side}_sole", pos=origin, quat=scene.quaternion(turn))
-        straight, _ = self._straight(leg)
-        joint = self.tree.hinges[leg.knee]
+        joint, straight = leg.knee, leg.straight()[0]
         bends = 1.0 if joint.high - straight > straight - joint.low else -1.0
         if not bends * joint.axis[1] > 0.0:
             even = abs(joint.low + joint.high - 2.0 * straight) < _EVEN * (joint.high - joint.low)
@@ -180,9 +159,9 @@ class Writer:
                 key="body.foot",
             )
         return LegDescription(
-            hip=self._names_of(leg.hip),
+            hip=_names(leg.hip),
             knee=joint.name,
-            ankle=self._names_of(leg.ankle),
+            ankle=_names(leg.ankle),
             foot_segment=self.names[leg.foot],
             sole_frame=f"{side}_sole",
             sole_points=scene.add_sole_points(side, sole, [(foot, origin)] * 2, turn),
@@ -193,9 +172,9 @@ class Writer:
     def _sole(self) -> SoleGeometry:
         """Outline of the sole from its reference point."""
         outline, leg = self.file.sole, self.legs[0]
-        hip, ankle = self._anchor_about(leg.hip, 1), self._anchor_about(leg.ankle, 1)
-        foot = self.tree.segments[leg.foot].place + self.tree.foot_offset
-        under = (ankle - foot) @ sole_turn(self.file.sole.pitch)  # of the ankle, in the sole's axes
+        hip, ankle = leg.ends
+        foot = leg.foot.place + self.tree.foot_offset
+        under = (ankle - foot) @ sole_turn(outline.pitch)  # of the ankle, in the sole's axes
         sole = SoleGeometry(
             heel_x=outline.heel - outline.reference,
             ball_x=outline.front - outline.reference,
@@ -237,52 +216,53 @@ class Writer:
         """MJCF, with contact and simulation of a run, and description."""
         self._check()
         tree, sole = self.tree, self._sole()
-        hip = self.legs[0].hip
+        hip, hinges = self.legs[0].hip, tree.hinges.values()
+        others = set(hinges).difference(self.trunk_joints, *(leg.joints for leg in self.legs))
+        left_arm, right_arm, head = (
+            _names(hinge for hinge in hinges if hinge in others and hinge.side == side) for side in (1, -1, 0)
+        )
         mass = sum(segment.inertial.mass for segment in tree.segments)
         com_z = sum(s.inertial.mass * float(s.place[2] + s.inertial.com[2]) for s in tree.segments)
-        floor = float(self._anchor_about(self.legs[0].ankle, 1)[2]) - sole.ankle_height
-        com_height, hip_height = com_z / mass - floor, float(self._anchor_about(hip, 1)[2]) - floor
+        floor = float(self.legs[0].ends[1][2]) - sole.ankle_height
+        com_height, hip_height = com_z / mass - floor, float(_place(hip, 1)[2]) - floor
         height = com_height / (HIP_HEIGHT + COM_OVER_HIP)
         if not height <= _TALLEST:
             raise InputError(f"the body is {height:.4g} m tall, {_TALLEST:g} m at most; give it in metres.")
-        model, root = scene.new_scene("body", self.names[0], height, run)
+        model, root = scene.new_scene("body", self.names[tree.segments[0]], height, run)
         # Else MuJoCo's dampers would act as further inertia over a time step, which no controller knows.
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)
-        add(segments[self.trunk], "site", name="imu", pos=tree.segments[self.trunk].inertial.com)
+        add(segments[self.trunk], "site", name="imu", pos=self.trunk.inertial.com)
         left, right = (
             self._add_leg(leg, side, sole, segments[leg.foot])
             for leg, side in zip(self.legs, scene.SIDES, strict=True)
         )
-        limits = tuple((hinge.name, hinge.effort) for hinge in tree.hinges)
+        limits = tuple((hinge.name, hinge.effort) for hinge in hinges)
         scene.add_motors(model, limits)
         description = BodyDescription(
             height=height,
             mass=mass,
-            root_segment=self.names[0],
+            root_segment=self.names[tree.segments[0]],
             trunk_segment=self.names[self.trunk],
             left_leg=left,
             right_leg=right,
-            trunk=self._names_of(self.trunk_joints),
-            left_arm=self._names_of(self.arms[0]),
-            right_arm=self._names_of(self.arms[1]),
-            head=self._names_of(self.arms[2]),
+            trunk=_names(self.trunk_joints),
+            left_arm=left_arm,
+            right_arm=right_arm,
+            head=head,
             sole=sole,
             hip_height=hip_height,
-            hip_half_width=abs(float(self._anchor_about(hip, 0)[1])),
-            leg_length=self._straight(self.legs[0])[1],
+            hip_half_width=abs(float(_place(hip, 0)[1])),
+            leg_length=self.legs[0].straight()[1],
             com_over_hip=com_height - hip_height,
-            mirror=tuple(
-                (name, self.hinges[image], float(sign))
-                for name, image, sign in zip(self.hinges, tree.images, tree.signs, strict=True)
-            ),
+            mirror=tuple((hinge.name, hinge.image.name, hinge.sign) for hinge in hinges),
             torque_limits=limits,
             rest=self._rest(),
             upright=self._upright(com_height, floor),
-            speed_limits=tuple((h.name, h.speed) for h in tree.hinges if math.isfinite(h.speed)),
+            speed_limits=tuple((h.name, h.speed) for h in hinges if math.isfinite(h.speed)),
             passive=tuple(
                 Passive(hinge.name, hinge.damping, hinge.stiffness, hinge.spring, hinge.friction)
-                for hinge in tree.hinges
+                for hinge in hinges
                 if hinge.damping or hinge.stiffness or hinge.friction
             ),
         )
@@ -296,44 +276,44 @@ class Writer:
         leg = self.legs[0]
         if len(leg.joints) == LEG_JOINTS:
             return None
-        legs, hips = {*leg.joints, *self.legs[1].joints}, float(self._anchor_about(leg.hip, 0)[2])
+        legs, hips = {*leg.joints, *self.legs[1].joints}, float(_place(leg.hip, 0)[2])
         first = second = 0.0  # moments of what the hips carry, about the axis along x between them
-        for k, segment in enumerate(self.tree.segments):
-            if not legs.intersection(self._path(k)):
+        for segment in self.tree.segments:
+            if legs.isdisjoint(segment.chain):
                 part = segment.inertial
                 _, aside, above = segment.place + part.com - (0.0, 0.0, hips)
                 first += part.mass * above
                 second += part.inertia[0, 0] + part.mass * (aside**2 + above**2)
-        sole = self.tree.segments[leg.foot].place + self.tree.foot_offset
+        sole = leg.foot.place + self.tree.foot_offset
         width = 2.0 * (float(sole[1]) + self.file.sole.middle)
         return UprightLegs(width, com_height / (hips - floor + float(second / first)))
 
-    def _add_segments(self, model: Element, root: Element, floor: float) -> list[Element]:
+    def _add_segments(self, model: Element, root: Element, floor: float) -> dict[Segment, Element]:
         """Write all segments; ``floor`` is its height in the source [m]."""
-        written: list[Element] = []
-        for name, segment in zip(self.names, self.tree.segments, strict=True):
+        written: dict[Segment, Element] = {}
+        for segment, name in self.names.items():
             element, place = root, np.array([0.0, 0.0, -floor])
-            if written:
+            if segment.parent:
                 element = add(written[segment.parent], "body", name=name)
-                place = segment.place - self.tree.segments[segment.parent].place
+                place = segment.place - segment.parent.place
             scene.set_inertial(element, place, segment.inertial)
             _add_joints(element, segment)
             _add_shapes(next(model.iter("asset")), element, name, segment)
-            written.append(element)
+            written[segment] = element
         return written
 
     def _check(self) -> None:
         """Refuse a body that cannot be simulated or steered."""
-        hinges, of_legs = self.tree.hinges, self.legs[0].joints + self.legs[1].joints
+        hinges, of_legs = self.tree.hinges.values(), self.legs[0].joints + self.legs[1].joints
         ends = {leg.foot for leg in self.legs}
-        leg_length = self._straight(self.legs[0])[1]
+        leg_length = self.legs[0].straight()[1]
         below: list[str] = []
-        for i, segment in enumerate(self.tree.segments):
+        for segment in self.tree.segments:
             if segment.parent in ends:
-                ends.add(i)
-                below += [hinge.name for hinge in segment.joints]
-        resting = [self.hinges[k] for k in of_legs if self.hinges[k] in self.file.rest]
-        rest = [(hinges[self.tree.index[name]], angle) for name, angle in self._rest()]
+                ends.add(segment)
+                below += _names(segment.joints)
+        resting = [joint.name for joint in of_legs if joint.name in self.file.rest]
+        rest = [(self.tree.hinges[name], angle) for name, angle in self._rest()]
         outside = [
             f"{h.name} = {a:g}, not {h.low:g} to {h.high:g}" for h, a in rest if not h.low <= a <= h.high
         ]
@@ -346,7 +326,7 @@ class Writer:
         empty = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
-        loose = [hinges[k].name for k in of_legs if not hinges[k].high - hinges[k].low <= _LARGEST_RANGE]
+        loose = [joint.name for joint in of_legs if not joint.high - joint.low <= _LARGEST_RANGE]
         of_pairs = ", by name of the left one of a pair"
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
@@ -369,11 +349,19 @@ class Writer:
     def _rest(self) -> tuple[tuple[str, float], ...]:
         """Angles of hinges that do not rest at 0 [rad]; one that is for one side holds for both."""
         given, angles = self.file.rest, list[tuple[str, float]]()
-        for name, image, sign in zip(self.hinges, self.tree.images, self.tree.signs, strict=True):
-            mirrored = float(sign) * given.get(self.hinges[image], 0.0)
-            if angle := given.get(name, mirrored):
+        for name, hinge in self.tree.hinges.items():
+            if angle := given.get(name, hinge.sign * given.get(hinge.image.name, 0.0)):
                 angles.append((name, angle))
         return tuple(angles)
+
+
+def _names(joints: Iterable[Hinge]) -> tuple[str, ...]:
+    return tuple(joint.name for joint in joints)
+
+
+def _place(joints: Sequence[Hinge], axis: int) -> Array:
+    """Place of the hinge whose axis is nearest to an axis of the world, shape (3,) [m]."""
+    return max(joints, key=lambda joint: abs(joint.axis[axis])).place
 
 
 def sole_turn(pitch: float) -> Array:

@@ -5,8 +5,9 @@ A periodic motion needs a body whose sides are mirror images.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from copy import copy
+from dataclasses import dataclass, field
+from typing import Any, Optional
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ _UNLIKE = 0.05  # largest angle between an axis and its image [rad]
 _VALUES = ("effort", "speed", "armature", "damping", "stiffness", "friction")  # of a hinge
 
 
-@dataclass
+@dataclass(eq=False)
 class Hinge:
     """A hinge at angle 0: anchor from its segment's origin [m], axis, and its own values."""
 
@@ -37,45 +38,64 @@ class Hinge:
     stiffness: float
     spring: float
     friction: float
+    segment: "Segment" = field(init=False)  # that it moves
+    image: "Hinge" = field(init=False)  # its mirror image, itself in the middle; this and the following
+    side: int = field(init=False)  # 1 on the left, -1 on the right, 0 in the middle
+    sign: float = field(init=False)  # of its angle to that of the image
+
+    @property
+    def place(self) -> Array:
+        """Anchor from the root's origin, shape (3,) [m]."""
+        return np.asarray(self.segment.place + self.anchor)
 
 
-@dataclass
+@dataclass(eq=False)
 class Segment:
     """A moving segment at angle 0, with what is fixed to it; vectors from its origin in axes of the world."""
 
     name: str
-    parent: int
+    parent: Optional["Segment"]  # None of the root
     place: Array  # from the root's origin
     joints: list[Hinge]
     inertial: Inertial = field(default_factory=lambda: Inertial(0.0, np.zeros(3), np.zeros((3, 3))))
     shapes: list[dict[str, Any]] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        for joint in self.joints:
+            joint.segment = self
 
-def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> tuple[list[int], Array, Findings]:
+    @property
+    def chain(self) -> list[Hinge]:
+        """Hinges from the root to the segment."""
+        return [*(self.parent.chain if self.parent else ()), *self.joints]
+
+    @property
+    def image(self) -> "Segment":
+        """Its mirror image, itself in the middle."""
+        return self.joints[-1].image.segment if self.joints else self
+
+
+def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findings:
     """Give segments and hinges at angles of 0 the mean of themselves and of their image's mirror image.
 
     The image of a hinge is found by its place and axis, whatever its name. Limits, dampers and springs of a
     right hinge are those of its image.
 
     Args:
-        segments: of a body whose left is towards +y; changed.
+        segments: of a body whose left is towards +y, from the root outwards; changed.
         locked: joints that are locked already, for a message.
 
     Returns:
-        Number of the image of each of n hinges, its own in the middle, shape (n,); the sign of its angle to
-        that of the hinge, shape (n,); how far both sides were from it.
+        How far both sides were from being mirror images.
 
     Raises:
         InputError: the body has no mirror image, or one that differs too much from it.
     """
-    segment_of = [i for i, segment in enumerate(segments) for _ in segment.joints]
+    hinges = [hinge for segment in segments for hinge in segment.joints]
     near = _ALIKE * float(np.ptp([segment.place[2] for segment in segments]))
-    images, apart = _images(segments, near, locked)
-    pairs = list(range(len(segments)))
-    for hinge, image in enumerate(images):
-        pairs[segment_of[hinge]] = segment_of[image]
-    signs, unlike = _mean_hinges(segments, images)
-    place, com, mass = _mean_segments(segments, pairs)
+    apart = _find_images(hinges, _limb_middles(segments), near, locked)
+    unlike = _mean_hinges(hinges)
+    place, com, mass = _mean_segments(segments)
     total = sum(segment.inertial.mass for segment in segments)
     for value, limit, unit, what in (
         (place, near, "m", "places of segments"),
@@ -88,31 +108,31 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> tuple
                 "a periodic walk needs a symmetric body: correct the model, or the names in its description."
             )
     bare = tuple(i for i, segment in enumerate(segments) if not segment.shapes)
-    return images, signs, Findings(max(place, apart), com, mass, bare, unlike)
+    return Findings(max(place, apart), com, mass, bare, unlike)
 
 
-def _images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> tuple[list[int], float]:
-    """Number of the image of each hinge, and the largest distance of a hinge from its image's image [m].
+def _find_images(hinges: Sequence[Hinge], middles: Array, near: float, locked: Sequence[str]) -> float:
+    """Find image and side of each hinge; the largest distance of a hinge from its image's image [m].
 
-    Two hinges at one place, such as clavicles, are told apart by the hinges that hang on them. Raises
-    InputError if a hinge has no image within ``near`` [m].
+    Two hinges at one place, such as clavicles, are told apart by the middles of what hangs on them, shape
+    (n, 3) [m]. Raises InputError if a hinge has no image within ``near`` [m].
     """
-    hinges = [hinge for segment in segments for hinge in segment.joints]
-    places = np.array([segment.place + hinge.anchor for segment in segments for hinge in segment.joints])
     axes = np.array([hinge.axis for hinge in hinges])
-    gaps = _gaps(places)
+    gaps = _gaps(np.array([hinge.place for hinge in hinges]))
     gaps[np.abs(axes @ (_MIRROR * axes).T) < math.cos(_UNLIKE)] = np.inf
-    images: NDArray[np.intp] = (gaps + _gaps(limb_middles(segments))).argmin(axis=1)
+    images: NDArray[np.intp] = (gaps + _gaps(middles)).argmin(axis=1)
     least = gaps[np.arange(len(hinges)), images]
     lonely = (least > near) | (images[images] != np.arange(len(hinges)))
     if lonely.any():
-        names = [hinges[k].name for k in np.flatnonzero(lonely)]
+        names = [hinges[k].name for k in np.flatnonzero(lonely).tolist()]
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
             f"symmetric body that stands upright: correct it, or write lock = {[*locked, *names]} in [body] "
             "of its description, if they are of no leg."
         )
-    return images.tolist(), float(least.max())
+    for hinge, image, beyond in zip(hinges, images.tolist(), middles[:, 1] - middles[images, 1], strict=True):
+        hinge.image, hinge.side = hinges[image], int(np.sign(beyond))
+    return float(least.max())
 
 
 def _gaps(places: Array) -> Array:
@@ -120,30 +140,27 @@ def _gaps(places: Array) -> Array:
     return np.asarray(np.linalg.norm(places[:, None] - _MIRROR * places, axis=2))
 
 
-def limb_middles(segments: Sequence[Segment]) -> Array:
+def _limb_middles(segments: Sequence[Segment]) -> Array:
     """Mean place of the segments from each hinge outwards, shape (n, 3) [m]."""
-    sums, counts = np.array([segment.place for segment in segments]), np.ones(len(segments))
-    for i in range(len(segments) - 1, 0, -1):  # a segment comes after the one that it hangs on
-        sums[segments[i].parent] += sums[i]
-        counts[segments[i].parent] += counts[i]
-    means = sums / counts[:, None]
-    return np.array([means[i] for i, segment in enumerate(segments) for _ in segment.joints])
+    sums, counts = {segment: segment.place for segment in segments}, dict.fromkeys(segments, 1)
+    for segment in reversed(segments):  # a segment comes after the one that it hangs on
+        if segment.parent:
+            sums[segment.parent] = sums[segment.parent] + sums[segment]
+            counts[segment.parent] += counts[segment]
+    return np.array([sums[segment] / counts[segment] for segment in segments for _ in segment.joints])
 
 
-def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> tuple[Array, tuple[str, ...]]:
-    """Make hinges the mirror images of each other; signs of their angles, shape (n,), and what differed."""
-    hinges = [hinge for segment in segments for hinge in segment.joints]
-    right = limb_middles(segments)[:, 1] < 0.0
-    before = [replace(hinge) for hinge in hinges]
-    signs, unlike = np.empty(len(hinges)), list[str]()
-    for k, (mean, here) in enumerate(zip(hinges, before, strict=True)):
-        image = before[images[k]]
+def _mean_hinges(hinges: Sequence[Hinge]) -> tuple[str, ...]:
+    """Make hinges the mirror images of each other, with the signs of their angles; what differed."""
+    before, unlike = {hinge: copy(hinge) for hinge in hinges}, list[str]()
+    for mean, here in before.items():
+        image = before[here.image]
         axis = -_MIRROR * image.axis
-        signs[k] = sign = 1.0 if axis @ here.axis > 0.0 else -1.0
+        mean.sign = sign = 1.0 if axis @ here.axis > 0.0 else -1.0
         axis = here.axis + sign * axis
         mean.axis = axis / np.linalg.norm(axis)
         mean.anchor = 0.5 * (here.anchor + _MIRROR * image.anchor)
-        if images[k] != k and right[k]:
+        if here.side < 0:
             low, high = sorted((0.0 + sign * image.low, 0.0 + sign * image.high))
             values = {name: getattr(image, name) for name in _VALUES}
             values |= {"low": low, "high": high, "spring": sign * image.spring}
@@ -153,23 +170,23 @@ def _mean_hinges(segments: Sequence[Segment], images: Sequence[int]) -> tuple[Ar
                 if not math.isclose(getattr(here, name), value, rel_tol=1e-3, abs_tol=1e-6)
             ]
             vars(mean).update(values)
-    return signs, tuple(unlike)
+    return tuple(unlike)
 
 
-def _mean_segments(segments: Sequence[Segment], pairs: Sequence[int]) -> tuple[float, float, float]:
+def _mean_segments(segments: Sequence[Segment]) -> tuple[float, float, float]:
     """Make segments the mirror images of each other; largest differences of both sides.
 
     They are of places [m], of COMs times their share of the mass [m], of masses [kg]. Raises InputError if a
     segment does not hang on the image of what its image hangs on, or nothing has a mass.
     """
-    before = [replace(segment) for segment in segments]
-    total = sum(segment.inertial.mass for segment in before)
+    before = {segment: copy(segment) for segment in segments}
+    total = sum(segment.inertial.mass for segment in segments)
     if not total > 0.0:
         raise InputError("the links of the body have no mass; give them masses in its model.")
     places, coms, masses = [0.0], [0.0], [0.0]
-    for mean, here, pair in zip(segments, before, pairs, strict=True):
-        image = before[pair]
-        if here.parent >= 0 and pairs[here.parent] != image.parent:
+    for mean, here in before.items():
+        image = before[mean.image]
+        if here.parent and here.parent.image is not image.parent:
             raise InputError(
                 f"the segment {here.name!r} is not a mirror image of {image.name!r}: they hang on different "
                 "segments; correct the model, or lock the joints of both sides."

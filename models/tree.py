@@ -14,7 +14,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY
 from ampm.section import unknown
 from models.scene import Inertial, quaternion
-from models.segments import Hinge, Segment, limb_middles, symmetrise
+from models.segments import Hinge, Segment, symmetrise
 from models.source import DRAWN, MASSLESS, BodyFile, by_pattern
 
 _FREE, _HINGE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -91,8 +91,8 @@ class Tree:
         self.origin = self.data.xpos[root]
         self.align = upright_axes(self.data, self.feet)
         self.segments: list[Segment] = []
-        self.of_body: dict[int, int] = {}
-        self._read(root, -1)
+        self.of_body: dict[int, Segment] = {}
+        self._read(root, None)
         for role, name in (("trunk", file.trunk), *(("foot", foot) for foot in file.foot)):
             if self.body(name, role) not in self.of_body:
                 raise InputError(
@@ -108,14 +108,12 @@ class Tree:
             )
         left = self.feet[0]
         self.foot_offset = self._vector(self.data.xpos[left] - self.origin)
-        self.foot_offset -= self.segments[self.of_body[left]].place
-        self.hinges = [joint for segment in self.segments for joint in segment.joints]
-        self.index = {joint.name: i for i, joint in enumerate(self.hinges)}
-        self.segment_of = [i for i, segment in enumerate(self.segments) for _ in segment.joints]
+        self.foot_offset -= self.of_body[left].place
+        self.hinges = {joint.name: joint for segment in self.segments for joint in segment.joints}
         for role, names in (("knee", file.knee), ("rest", file.rest)):
             for name in names:
                 self.joint(name, role)
-        self.images, self.signs, self.findings = symmetrise(self.segments, [p.pattern for p in file.lock])
+        self.findings = symmetrise(self.segments, [pattern.pattern for pattern in file.lock])
         self._check_sides()
 
     def _check_source(self) -> None:
@@ -148,16 +146,13 @@ class Tree:
 
     def _check_sides(self) -> None:
         """Refuse patterns for right joints alone, as these get the values of the left ones."""
-        side = limb_middles(self.segments)[:, 1]
-        left = [h.name for h, k, y in zip(self.hinges, self.images, side, strict=True) if y >= side[k]]
         for key in _BY_JOINT:
             for pattern in getattr(self.file, key):
-                names = [name for name in self.index if pattern.fullmatch(name)]
-                if names and not any(name in left for name in names):
-                    first = self.hinges[self.images[self.index[names[0]]]].name
+                matched = [hinge for name, hinge in self.hinges.items() if pattern.fullmatch(name)]
+                if matched and all(hinge.side < 0 for hinge in matched):
                     raise InputError(
                         f"{key} has {pattern.pattern!r}, which matches right joints alone, and these get "
-                        f"the values of the left; name the left, such as {first!r}.",
+                        f"the values of the left; name the left, such as {matched[0].image.name!r}.",
                         key=f"body.{key}",
                     )
 
@@ -172,30 +167,30 @@ class Tree:
             raise unknown(name, known, f"segment for {role}", key=f"body.{role}")
         return int(number)
 
-    def joint(self, name: str, role: str) -> int:
-        """Number of a hinge; raises InputError if there is none of this name, or it is locked."""
+    def joint(self, name: str, role: str) -> Hinge:
+        """A hinge by its name; raises InputError if there is none of this name, or it is locked."""
         if self._is_locked(name):
             raise InputError(f"{role} names the joint {name!r}, which lock welds; leave it out of one.")
-        if name not in self.index:
-            raise unknown(name, self.index, f"joint for {role}", key=f"body.{role}")
-        return self.index[name]
+        if name not in self.hinges:
+            raise unknown(name, self.hinges, f"joint for {role}", key=f"body.{role}")
+        return self.hinges[name]
 
     def _vector(self, vector: Array) -> Array:
         return np.asarray(self.align @ vector)
 
-    def _read(self, body: int, parent: int) -> None:
+    def _read(self, body: int, parent: Segment | None) -> None:
         """Add a body and all that hangs on it."""
-        joints = self._joints(body)
-        if joints or parent < 0:
+        joints, segment = self._joints(body), parent
+        if joints or segment is None:
             place = self._vector(self.data.xpos[body] - self.origin)
-            self.segments.append(Segment(self.model.body(body).name, parent, place, joints))
-            parent = len(self.segments) - 1
-        self.of_body[body] = parent
-        self._add_mass(body, self.segments[parent])
-        self._add_shapes(body, self.segments[parent])
+            segment = Segment(self.model.body(body).name, parent, place, joints)
+            self.segments.append(segment)
+        self.of_body[body] = segment
+        self._add_mass(body, segment)
+        self._add_shapes(body, segment)
         for child in np.flatnonzero(self.model.body_parentid == body).tolist():
             if child != body:
-                self._read(child, parent)
+                self._read(child, segment)
 
     def _joints(self, body: int) -> list[Hinge]:
         """Hinges of a body of the source that are not locked, with the values of the description."""
