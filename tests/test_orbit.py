@@ -153,7 +153,7 @@ def posture(ik, q, v, phase, rate):
     wanted = -d * v
     wanted[:3] = 0.0
     wanted[3:6] -= k * pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix())
-    rest = np.exp(1j * phase) * np.array([-1j * ik.pelvis[0], 0.0, -ik.pelvis[1]])
+    rest = np.exp(1j * phase) * np.array([-1j * ik.body.pelvis[0], 0.0, -ik.body.pelvis[1]])
     wanted[3:6] += np.real(k * rest + d * 1j * rate * rest - rate**2 * rest)
     wanted[6:] -= k * (q[7:] - ik.rest)
     for leg in robot.leg_joints:

@@ -65,7 +65,7 @@ class InverseKinematics:
 
     Args:
         robot: the body.
-        run: supplies posture gains, rest of the arms and the choice for L_z.
+        run: supplies posture gains, rest of pelvis and arms, and the choice for L_z.
 
     Attributes:
         rest: angles of the hinges at rest, shape (nu,) [rad].
@@ -77,9 +77,9 @@ class InverseKinematics:
         inside = np.minimum(ARM_BEND, 0.5 * (robot.upper - robot.lower))
         self.rest = np.zeros(robot.nu)
         self.rest[arms] = np.clip(0.0, (robot.lower + inside)[arms], (robot.upper - inside)[arms])
-        self.pelvis = np.zeros(2)
-        self.set_rest(run)
-        for joint, angle in robot.description.rest:
+        spread = run.body.arm_abduction + run.body.arm_abduction_roll * (1.0 - run.gait.c_y) ** 2
+        angles = {joint: sign * min(spread, WIDEST) for joint, sign in robot.description.spread}
+        for joint, angle in (angles | dict(robot.description.rest)).items():
             self.rest[robot.velocity_indices((joint,)) - 6] = angle
         free = np.ones(robot.nu, dtype=bool)
         free[np.concatenate(robot.leg_joints) - 6] = False
@@ -94,17 +94,10 @@ class InverseKinematics:
             weight=robot.by_group(POSTURE_WEIGHTS),
             rest=self.rest,
             free=free,
-            pelvis=self.pelvis,
+            pelvis=np.array([run.body.pelvis_list, run.body.pelvis_rotation]),
             stiffness=run.body.posture_stiffness,
             damping=run.body.posture_damping,
         )
-
-    def set_rest(self, run: RunParameters) -> None:
-        """Set the rest of pelvis and arms of a run."""
-        self.pelvis[:] = run.body.pelvis_list, run.body.pelvis_rotation
-        spread = run.body.arm_abduction + run.body.arm_abduction_roll * (1.0 - run.gait.c_y) ** 2
-        for joint, sign in self.robot.description.spread:
-            self.rest[self.robot.velocity_indices((joint,)) - 6] = sign * min(spread, WIDEST)
 
     def project(self, reference: StepReference, k: int, q: Array, v: Array) -> tuple[Array, Array]:
         """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.

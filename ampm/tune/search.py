@@ -57,9 +57,9 @@ def rough_orbit(
     """The periodic step of a plan on a coarse grid.
 
     Args:
-        ik: of the body, with posture gains and choice for L_z.
+        ik: of the body and the run.
         plan: centroidal motion and feet.
-        run: supplies lean and rest of the arms.
+        run: supplies the lean.
         near: orbit of a similar plan; without it, Newton begins from a body that stands upright.
         shift: expected change of the unknowns from ``near``.
         nodes: intervals of the grid in single and in double support.
@@ -67,7 +67,6 @@ def rough_orbit(
     Raises:
         Unreachable: there is none, or none was found.
     """
-    ik.set_rest(run)
     reference = step_reference(plan, phase_grid(plan, *nodes))
     step_map = StepMap(ik, reference, plan.contacts, run.body.lean)
     if near is None:
@@ -115,7 +114,6 @@ class ChoiceSearch:
         effort: how far it goes.
 
     Attributes:
-        ik: of the body.
         candidates: all choices that were evaluated.
 
     Raises:
@@ -125,8 +123,7 @@ class ChoiceSearch:
     def __init__(
         self, space: FreeChoices, robot: Robot, report: Callable[[str], None], effort: Effort
     ) -> None:
-        self.space, self.report, self.effort = space, report, effort
-        self.ik = InverseKinematics(robot, space.run)
+        self.space, self.robot, self.report, self.effort = space, robot, report, effort
         self.base: Mapping[str, float] = space.guess()
         self.guess = np.clip([self.base[name] for name in space.names], space.lower, space.upper)
         self.candidates: list[Candidate] = []
@@ -168,16 +165,17 @@ class ChoiceSearch:
             plan = space.first_steps(run)
         except (RefusedGait, InputError):  # values that were set may not fit those tried
             return Candidate(x, space.run)
+        ik = InverseKinematics(self.robot, run)
         try:
             if near is None or near.orbit is None:
-                orbit = rough_orbit(self.ik, plan, run)
+                orbit = rough_orbit(ik, plan, run)
             else:
                 step = (x - near.x) / space.slack
                 shift = 0.0 if self._slopes is None else _times(self._slopes[len(near.detail) :], step)
-                orbit = rough_orbit(self.ik, plan, run, near.orbit, shift)
+                orbit = rough_orbit(ik, plan, run, near.orbit, shift)
         except Unreachable as error:
             return Candidate(x, run, plan, why=error)
-        values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, self.ik.robot)
+        values = plan_margins(plan, run, space.description) | orbit_margins(orbit, plan, self.robot)
         detail = [LIMITS[name].margin(value) for name, every in values.items() for value in every.tolist()]
         return Candidate(x, run, plan, tightest(values), np.minimum(detail, _AMPLE), orbit)
 

@@ -202,13 +202,13 @@ def _searches(
     list and rotation of the pelvis free, too. Where the better of both comes near to its limits, it goes on,
     however far from the guess.
     """
-    first = _begun(space, robot, report, effort)
-    twist = first.candidates[-1].margins().get("twist", math.inf)
+    first, start = _begun(space, robot, report, effort)
+    twist = start.margins().get("twist", math.inf)
     if robot.description.has_arms and _L_Z not in space.fixed and twist < Effort().enough:
         still = FreeChoices(space.run.replace({_L_Z: "zero"}), space.fixed, robot.description, _PELVIS)
         balanced = _begun(still, robot, report, effort)
-        first = first if balanced.candidates[-1].orbit is None else balanced
-    yield first, _improved(first, first.candidates[-1])
+        first, start = (first, start) if balanced[1].orbit is None else balanced
+    yield first, _improved(first, start)
     if not effort.starts or not space.names:
         return
     wide = ChoiceSearch(FreeChoices(space.run, space.fixed, robot.description), robot, report, effort)
@@ -224,13 +224,16 @@ def _searches(
         yield last, last.best()
 
 
-def _begun(space: FreeChoices, robot: Robot, report: Report, effort: Effort) -> ChoiceSearch:
-    """A search with the guess as its first choice, the COM lowered until there is a periodic step."""
+def _begun(
+    space: FreeChoices, robot: Robot, report: Report, effort: Effort
+) -> tuple[ChoiceSearch, Candidate]:
+    """A search and where it begins: the guess, the COM lowered until there is a periodic step."""
     search = ChoiceSearch(space, robot, report, effort)
     for drop in _DROPS if "height" in space.names else _DROPS[:1]:
-        if search.evaluate(space.lowered(search.guess, drop)).orbit is not None:
+        start = search.evaluate(space.lowered(search.guess, drop))
+        if start.orbit is not None:
             break
-    return search
+    return search, start
 
 
 def _improved(search: ChoiceSearch, best: Candidate) -> Candidate:
@@ -287,7 +290,7 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         if any(margin < 0.0 for name, margin in margins.items() if name.endswith("_torque")):
             margins.pop("hip_time", None)  # which follows from too little torque
         name = min(margins, key=lambda name: margins[name])
-        cause = _cause(name, best.plan, best.orbit, search.ik.robot)
+        cause = _cause(name, best.plan, best.orbit, search.robot)
         return broken_limit(name, best.values, tried, cause)
     causes = [candidate.why for candidate in search.candidates if candidate.why is not None]
     why = max(causes, key=lambda cause: cause.time, default=None)  # of the choice that came farthest
