@@ -91,7 +91,7 @@ def compare_kinematics(planned: PlannedWalk, progress: Progress) -> list[Peer]:
     steps = plan_steps(run.gait, run.body.mass, run.foot, robot.description.sole)
     offset = planned.motion.report.angular_momentum_y_offset / robot.mass
     reference = step_reference(steps, step_grid(steps, run.solver.ik_time_step))
-    reference = reference.with_angular_momentum_y(offset)
+    reference = reference.with_angular_momentum((0.0, offset))
     with progress.stage("inverse kinematics"):
         seconds, step = time_ik(planned, reference)
     peers = [Peer.of("ours", np.array(seconds), error_text(robot, reference, step.q))]

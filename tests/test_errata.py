@@ -332,7 +332,7 @@ def continued(steps, constant):
     pitches: list[float] = []
     for _ in range(steps):
         offset = constant(pitches) / at.robot.mass
-        step = ik.integrate(reference.with_angular_momentum_y(offset), q, v)
+        step = ik.integrate(reference.with_angular_momentum((0.0, offset)), q, v)
         q, v = at.robot.mirror_q(step.q[-1], -at.motion.step_length), at.robot.mirror_v(step.v[-1])
         pitches.append(float(np.trapezoid(step.trunk_pitch, reference.time) / reference.time[-1]))
     return np.array(pitches)

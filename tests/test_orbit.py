@@ -73,7 +73,7 @@ def test_multipliers_are_eigenvalues_of_the_return_map():
     motion = motion_of(*settings)
     ik = orbit.InverseKinematics(robot, run)
     offset, nv, h = motion.report.angular_momentum_y_offset, robot.nv, 1e-6
-    reference = step_reference(plan, motion.time).with_angular_momentum_y(offset / robot.mass)
+    reference = step_reference(plan, motion.time).with_angular_momentum((0.0, offset / robot.mass))
 
     def returned(dq, dv):
         q = pin.integrate(robot.model, motion.q[0], dq)
@@ -182,8 +182,8 @@ def test_second_order_in_the_grid():
     """The end of a step from one start: the error falls by four when the grid is halved."""
     run, plan, robot = walk_of()
     ik, motion = InverseKinematics(robot, run), motion_of()
-    offset = motion.report.angular_momentum_y_offset / robot.mass
+    offset = (0.0, motion.report.angular_momentum_y_offset / robot.mass)
     grids = [step_reference(plan, step_grid(plan, h)) for h in (0.008, 0.004, 0.002)]
-    ends = [ik.integrate(g.with_angular_momentum_y(offset), motion.q[0], motion.v[0]).q[-1] for g in grids]
+    ends = [ik.integrate(g.with_angular_momentum(offset), motion.q[0], motion.v[0]).q[-1] for g in grids]
     first, second = (np.abs(a - b).max() for a, b in pairwise(ends))
     assert 2.5 < first / second < 6.0

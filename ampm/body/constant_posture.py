@@ -50,8 +50,7 @@ class ConstantPosture:
         heading = float(self.turns[0, 2])
         ik, reference = InverseKinematics(robot, run), step_reference(plan, np.zeros(1)).turned(heading)
         try:
-            upright = ik.upright(reference, 0, standing(ik, reference))
-            q, v = ik.project(reference, 0, upright, np.zeros(robot.nv))
+            q, v = ik.upright(reference, 0, standing(ik, reference))
         except Unreachable as error:
             raise BodilyRefusal(
                 f"the body cannot stand as the walk begins: {error}",

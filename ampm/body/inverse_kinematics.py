@@ -17,7 +17,7 @@ constraints (position and velocity), in the metric of the same weights, which pr
 
 import numpy as np
 
-from ampm.body.robot import Robot
+from ampm.body.robot import L_Z, Robot
 from ampm.body.step_kinematics import (
     EXACT,
     Kinematics,
@@ -40,8 +40,6 @@ ARM_BEND = 0.3
 """How far the arms' rest posture stays inside the joint limits [rad]: hanging, with slightly bent elbows."""
 WIDEST = 1.2
 """Largest abduction of the arms' rest posture [rad]."""
-
-_L_Z = 5  # row of the angular momentum about z
 
 
 class Unreachable(Exception):
@@ -86,7 +84,7 @@ class InverseKinematics:
         rows = np.delete(np.arange(robot.task_rows), robot.roll_rows)
         self.body = Kinematics(
             rigid=robot.rigid_body,
-            rows=rows if run.body.angular_momentum_z == "zero" else np.delete(rows, _L_Z),
+            rows=rows if run.body.angular_momentum_z == "zero" else np.delete(rows, L_Z),
             position_rows=np.delete(rows, [3, 4, 5]),  # a configuration has no angular momentum
             roll_rows=robot.roll_rows,
             toes=robot.toe_joints + 1,
@@ -114,12 +112,12 @@ class InverseKinematics:
         self._check_knees(reference.time[k : k + 1], q[None])
         return q, v
 
-    def upright(self, reference: StepReference, k: int, q: Array) -> Array:
-        """Configuration on the constraints at grid node k that is nearest to the upright posture.
+    def upright(self, reference: StepReference, k: int, q: Array) -> tuple[Array, Array]:
+        """State on the constraints at grid node k that is nearest to standing upright, from a first guess q.
 
         Raises Unreachable if none was found.
         """
-        return self.project(reference, k, upright(self.body, reference, k, q), np.zeros(self.robot.nv))[0]
+        return self.project(reference, k, upright(self.body, reference, k, q), np.zeros(self.robot.nv))
 
     def integrate(self, reference: StepReference, q: Array, v: Array) -> StepTrajectory:
         """Integrate a step from a state that is projected on the constraints first.

@@ -73,7 +73,7 @@ class StepMap:
 
     def _with(self, offset: float) -> StepReference:
         """The reference with a constant of L_y [N m s]."""
-        return self.reference.with_angular_momentum_y(offset / self.ik.robot.mass)
+        return self.reference.with_angular_momentum((0.0, offset / self.ik.robot.mass))
 
     def returned(self, trajectory: StepTrajectory, offset: float = 0.0) -> Array:
         """Unknowns of the step's mirrored end, and a constant of L_y [N m s]."""
@@ -105,8 +105,7 @@ class StepMap:
         body = robot.description
         # The usual L_y of a human of 60 kg and 1.70 m, which scales as m (g h^3)^1/2.
         nv, offset = robot.nv, 0.4 * (body.mass / 60.0) * body.scale**1.5
-        q = self.ik.upright(self.reference, 0, self.origin)
-        q, v = self.ik.project(self._with(offset), 0, q, np.zeros(nv))
+        q, v = self.ik.upright(self._with(offset), 0, self.origin)
         z = self.encode(q, v, offset)
         for _ in range(5):
             trajectory = self.step(z)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 TASK_ROWS = 6 + 2 * 6
 """com 3, angular momentum 3, left foot 6 (linear, angular), right foot 6; toes are further rows."""
+MOMENTUM, L_Z, ROLLS = slice(3, 5), 5, [9, 15]
+"""Rows of the angular momentum about x and y, of that about z, and of the rolls of both soles."""
 
 
 class TaskTerms(NamedTuple):
@@ -74,7 +76,7 @@ class Robot:
         self.trunk_frame = self._frame(description.trunk_segment)
         self.toe_joints = self.velocity_indices(tuple(toe for leg in description.legs for toe in leg.toes))
         self.task_rows = TASK_ROWS + len(self.toe_joints)
-        self.roll_rows = np.array([9, 15] if description.upright else [], dtype=np.intp)
+        self.roll_rows = np.array(ROLLS if description.upright else [], dtype=np.intp)
         self.knee_joints = self.velocity_indices(tuple(leg.knee for leg in description.legs))
         self._knee_signs = np.array([leg.knee_sign for leg in description.legs])
         self.straight_knees = np.array([leg.straight_knee for leg in description.legs])

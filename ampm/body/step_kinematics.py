@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ampm.body.rigid_body import RigidBody, com_of, moved, place_body, place_of, task_drift
+from ampm.body.robot import L_Z
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
@@ -26,7 +27,6 @@ _FAR = 0.05  # error after a step of the grid at which the legs no longer follow
 _MOST = 26  # iterations of a correction
 _LONGEST = 0.3  # largest change of a coordinate in one iteration [m, rad]
 _LEVEL = 20.0  # rate at which the sole of a leg without a roll of the ankle is laid flat [1/s]
-_L_Z = 5  # row of the angular momentum about z
 
 
 class Kinematics(NamedTuple):
@@ -237,7 +237,7 @@ def follow(body: Kinematics, tasks: StepReference, step: StepTrajectory) -> int:
         task_drift(rigid, v, v, drift)
         wanted = (acceleration - drift)[rows]
         step.acceleration[k] = nearest(met, posture(body, q, v, rate * tasks.time[k], rate), wanted)
-        step.angular_momentum_z[k] = rigid.link[0].mass * (rigid.columns[:, _L_Z] * v).sum()
+        step.angular_momentum_z[k] = rigid.link[0].mass * (rigid.columns[:, L_Z] * v).sum()
         axis = turned(rigid.link[rigid.trunk[0].joint].turn, column(rigid.trunk[0].turn, 2))
         step.trunk_pitch[k] = math.atan2(axis[0], axis[2])
     return last + 1

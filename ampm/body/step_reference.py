@@ -5,13 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ampm.body.robot import TASK_ROWS
+from ampm.body.robot import MOMENTUM, TASK_ROWS
 from ampm.geometry import Array, rotations
 from ampm.planner.feet import foot_rotation, foot_turning
 from ampm.planner.support import StepPlan
-
-_MOMENTUM = slice(3, 5)  # rows of the angular momentum about x and y
-_L_Y = 4
 
 
 class StepReference(NamedTuple):
@@ -29,14 +26,14 @@ class StepReference(NamedTuple):
         position, velocity = self.position.copy(), self.velocity.copy()
         acceleration = self.acceleration.copy()
         position[:, 0, 2] -= drop
-        velocity[:, _MOMENTUM] *= share
-        acceleration[:, _MOMENTUM] *= share
+        velocity[:, MOMENTUM] *= share
+        acceleration[:, MOMENTUM] *= share
         return self._replace(position=position, velocity=velocity, acceleration=acceleration)
 
-    def with_angular_momentum_y(self, constant: float) -> "StepReference":
-        """The same step with a constant more of L_y over the mass [m^2/s]."""
+    def with_angular_momentum(self, constant: Array | tuple[float, float]) -> "StepReference":
+        """The same step with constants more of L_x and L_y over the mass, shape (2,) [m^2/s]."""
         velocity = self.velocity.copy()
-        velocity[:, _L_Y] += constant
+        velocity[:, MOMENTUM] += constant
         return self._replace(velocity=velocity)
 
     def turned(self, heading: ArrayLike) -> "StepReference":
@@ -80,7 +77,7 @@ def step_reference(plan: StepPlan, time: Array) -> StepReference:
     n, has_toes = len(time), plan.feet.sole.has_toes
     velocity, acceleration = np.zeros((2, n, TASK_ROWS + 2 * has_toes))
     velocity[:, 0:3], acceleration[:, 0:3] = sample.com_velocity, sample.com_acceleration
-    velocity[:, 3:5], acceleration[:, 3:5] = sample.angular_momentum / mass, sample.moment / mass
+    velocity[:, MOMENTUM], acceleration[:, MOMENTUM] = sample.angular_momentum / mass, sample.moment / mass
     for foot, motion in enumerate(feet):
         row = 6 + 6 * foot
         velocity[:, row : row + 3], acceleration[:, row : row + 3] = motion.velocity, motion.acceleration

@@ -6,6 +6,7 @@ the walk.
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,10 @@ from ampm.body.constant_posture import ConstantPosture, turned
 from ampm.body.feasibility import joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
-from ampm.body.robot import Robot
+from ampm.body.robot import ROLLS, Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
+from ampm.controller_parameters import ControllerParameters
 from ampm.geometry import Array, rotations
 from ampm.parameters import FootParameters, RunParameters
 from ampm.planner.contacts import Phase
@@ -69,9 +71,8 @@ class _WalkMotion(NamedTuple):
     share: Array
     rate: Array  # rates of the hinges, shape (T, nu) [rad/s]
     beyond: Array  # sideward angle of the ankles beyond their range, 0 of other hinges, shape (T, nu) [rad]
-    # distance of two parts at the start, then at every other instant until a leg does not reach, (K,) [m]
-    gap: Array
-    parts: tuple[str, ...]  # names of these two parts, K texts
+    # least distance of two parts until a leg does not reach [m], when [s], and their names
+    closest: tuple[float, float, str]
     # pieces in which a leg does not reach: begin and end [s], and why
     lost: list[tuple[float, float, Unreachable]]
 
@@ -113,7 +114,7 @@ def _range_limit(
     for index, place in enumerate(reference.position):
         q[:3] += place[0] - robot.jacobian(q).com
         try:
-            upright = ik.upright(reference, index, q)
+            upright, _ = ik.upright(reference, index, q)
         except Unreachable:
             continue
         beyond[index] = np.maximum(robot.lower - upright[7:], upright[7:] - robot.upper)
@@ -146,24 +147,23 @@ def _walk_limits(plan: StepPlan, walk: _WalkMotion, robot: Robot) -> Iterator[tu
         most = (_LOST_STANDING if stands else _LOST) if robot.description.sole.has_toes else 0.0
         yield Limit(what, "s", most, AT_MOST, "leg_too_short", less), lost
 
-    k = int(walk.gap.argmin())
-    when, reason = float(walk.time[max(2 * k - 2, 0)]), "self_collision"
-    what = f"{at(when)} {walk.parts[k]} come too close: their distance"
+    distance, when, parts = walk.closest
+    what, reason = f"{at(when)} {parts} come too close: their distance", "self_collision"
     turn = "turn the toes out, by 0.1 rad for example, or in if they are out, "
     turn_less = ", or turn less" if np.ptp(contacts.headings) else ""
     less = f"{_retimed(plan, when)}{turn}put the feet further apart{turn_less}"
-    if any(part in walk.parts[k] for part in ("arm", "hand", "elbow", "wrist")):
+    if any(part in parts for part in ("arm", "hand", "elbow", "wrist")):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
-    yield Limit(what, "m", CLEARANCE + _NEARER, AT_LEAST, reason, less), float(walk.gap[k])
+    yield Limit(what, "m", CLEARANCE + _NEARER, AT_LEAST, reason, less), distance
 
-    k, joint = _largest(np.abs(walk.rate) / robot.speed_limit)
+    k, joint = divmod(int(np.nan_to_num(np.abs(walk.rate) / robot.speed_limit, nan=-1.0).argmax()), robot.nu)
     fastest, less = float(robot.speed_limit[joint]), f"{shorten}, or give them more time"
     what = f"{at(walk.time[k])} {robot.joint_names[joint]} would turn too fast: its rate"
     yield Limit(what, "rad/s", fastest, AT_MOST, "speed_limits", less), float(abs(walk.rate[k, joint]))
 
     mean = _means(walk.time, np.minimum(walk.share, _SPIKE), _WINDOW)
-    k, joint = _largest(mean)
+    k, joint = divmod(int(mean.argmax()), robot.nu)
     name = robot.joint_names[joint]
     group = next((g for g, names in joint_groups(robot.description).items() if name in names), "")
     what = f"{at(walk.time[k])} {name} is too weak: its torque over its limit, mean of {1e3 * _WINDOW:g} ms,"
@@ -210,12 +210,6 @@ def _retimed(plan: StepPlan, time: float) -> str:
     return "let it land earlier, " if share > _SLOW else "let it land later, " if share < _QUICK else ""
 
 
-def _largest(values: Array) -> tuple[int, int]:
-    """Row and column of the largest value, NaN being the least."""
-    row, column = divmod(int(np.where(np.isnan(values), -1.0, values).argmax()), values.shape[1])
-    return row, column
-
-
 def _means(time: Array, values: Array, window: float) -> Array:
     """Means over a window [s] that begins at each instant, NaN counting as zero, shape (T, nu)."""
     values, total = np.nan_to_num(values), np.zeros_like(values)
@@ -224,11 +218,28 @@ def _means(time: Array, values: Array, window: float) -> Array:
     return np.asarray((np.stack(later, axis=1) - total) / window)
 
 
+class _TrunkFeedback:
+    """The controller's slow feedback of the trunk's tilt (:mod:`ampm.control.trunk`), along the heading."""
+
+    def __init__(self, gains: ControllerParameters, window: float, mass: float) -> None:
+        self.gains, self.window, self.mass = gains, window, mass
+        self.past: list[tuple[float, Array]] = []  # of every piece its end [s], and its tilt times duration
+        self.integral, self.momentum = np.zeros((2, 2))
+
+    def angular_momentum(self, begin: float, duration: float) -> Array:
+        """Angular momentum over the mass that rights the trunk in the next piece, shape (2,) [m^2/s]."""
+        recent = (tilt for end, tilt in self.past if end > begin - self.window)
+        mean = sum(recent, np.zeros(2)) / self.window
+        self.integral = self.integral + mean * duration
+        righting = self.gains.trunk_gain * (mean + self.gains.trunk_integral * self.integral) / self.mass
+        share = 1.0 - math.exp(-self.gains.momentum_gain * duration)
+        self.momentum = self.momentum + share * (righting - self.momentum)
+        return self.momentum
+
+
 def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot: Robot) -> _WalkMotion:
-    """Follow a walk up to its last stop, piece by piece, each with its own constant heading and feedback."""
+    """Follow a walk up to its last stop, piece by piece, each in axes along its heading, and measure it."""
     gains, nodes = run.controller, _INTERVALS + 1
-    ankles = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])  # that turn sidewards
-    ankles &= (np.abs(robot.jacobian(posture.q).jacobian[[9, 15], 6:]) > math.sqrt(0.5)).any(axis=0)
     upright = {"body.angular_momentum_z": "free", "body.pelvis_list": 0.0, "body.pelvis_rotation": 0.0}
     soft = {
         "body.posture_stiffness": min(max(gains.posture_stiffness, 1.0), _FASTEST**2),
@@ -236,48 +247,41 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     }
     ik = InverseKinematics(robot, run.replace(upright | soft))
     edges, stance, time = _pieces(plan)
-    length = np.diff(edges)
     heading, rate_of_heading, acceleration = posture.heading(0.5 * (edges[1:] + edges[:-1]))
     # The pull of a posture at rest lags.
     lead = (ik.body.damping * rate_of_heading + acceleration) / ik.body.stiffness
     heading = heading + lead
     reference = step_reference(plan, time).turned(np.repeat(heading, nodes))
-    share, rate, beyond = np.full((3, len(time), robot.nu), np.nan)
-    lost, window = [], 2.0 * plan.constants.step_duration
-    tilts, axes_heading = np.zeros((len(length), 2)), 0.0  # tilt of the trunk at the end of every piece
-    integral, tilt, momentum = np.zeros((3, 2))
-    configurations = [posture.start[0][None]]
-    q, v = posture.start
-    for k, duration in enumerate(length):
+    feedback = _TrunkFeedback(gains, 2.0 * plan.constants.step_duration, robot.mass)
+    share, rate, angle = np.full((3, len(time), robot.nu), np.nan)
+    lost, reached = [], [posture.start[0][None]]
+    (q, v), axes, tilt = posture.start, 0.0, np.zeros(2)
+    for k, (begin, end) in enumerate(pairwise(edges.tolist())):
         rows = slice(k * nodes, (k + 1) * nodes)
-        q, axes_heading = turned(q, axes_heading - heading[k]), heading[k]
-        recent = edges[1 : k + 1] > edges[k] - window
-        mean = (length[:k, None] * tilts[:k])[recent].sum(axis=0) / window
-        integral = integral + mean * duration
-        wanted = gains.trunk_gain * (mean + gains.trunk_integral * integral) / robot.mass
-        piece = reference.part(rows)
-        velocity = piece.velocity.copy()
-        momentum = momentum + (1.0 - math.exp(-gains.momentum_gain * duration)) * (wanted - momentum)
-        velocity[:, 3:5] -= momentum @ rotations(lead[k])
-        piece = piece._replace(velocity=velocity)
+        q, axes = turned(q, axes - heading[k]), heading[k]
+        righting = feedback.angular_momentum(begin, end - begin) @ rotations(lead[k])
+        piece = reference.part(rows).with_angular_momentum(-righting)
         try:
             step = ik.integrate(piece, q, v)
             if stance[k] == 2 and np.abs(step.v[:, robot.knee_joints]).max() > _STRAIGHTENS:
-                raise Unreachable(float(edges[k]), "a standing leg is straight")
+                raise Unreachable(begin, "a standing leg is straight")
         except Unreachable as error:
-            lost.append((float(edges[k]), float(edges[k + 1]), error))
+            lost.append((begin, end, error))
             q, v = _upright(ik, piece, posture, robot)
         else:
             q, v = step.q[-1], step.v[-1]
             tilt = pin.log3(robot.trunk_rotations(q[None])[0] @ posture.trunk.T)[:2] @ rotations(-lead[k])
-            rate[rows], angle = step.v[:, 6:], step.q[:, 7:]
-            out = np.maximum(robot.lower - angle, angle - robot.upper)
-            beyond[rows] = np.where(ankles, np.maximum(out, 0.0), 0.0)
-            configurations += [] if lost else [step.q[::2]]
+            rate[rows], angle[rows] = step.v[:, 6:], step.q[:, 7:]
             share[rows] = _shares(step, piece, int(stance[k]), robot)
-        tilts[k] = tilt
-    gaps = robot.gaps(np.concatenate(configurations))
-    return _WalkMotion(time, share, rate, beyond, gaps.distance, gaps.parts, lost)
+            reached += [] if lost else [step.q[::2]]
+        feedback.past.append((end, (end - begin) * tilt))
+    sideward = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])
+    sideward &= (np.abs(robot.jacobian(posture.q).jacobian[ROLLS, 6:]) > math.sqrt(0.5)).any(axis=0)
+    beyond = np.where(sideward, np.maximum(np.maximum(robot.lower - angle, angle - robot.upper), 0.0), 0.0)
+    gaps = robot.gaps(np.concatenate(reached))
+    k = int(gaps.distance.argmin())
+    closest = float(gaps.distance[k]), float(np.append(time[:1], time[::2])[k]), gaps.parts[k]
+    return _WalkMotion(time, share, rate, beyond, closest, lost)
 
 
 def _pieces(plan: StepPlan) -> tuple[Array, Array, Array]:
@@ -295,12 +299,12 @@ def _upright(
     ik: InverseKinematics, piece: StepReference, posture: ConstantPosture, robot: Robot
 ) -> tuple[Array, Array]:
     """State from which to go on after a piece: upright, and at rest where the legs do not reach there."""
-    end, still, q = len(piece.time) - 1, np.zeros(robot.nv), posture.q.copy()
+    end, q = len(piece.time) - 1, posture.q.copy()
     q[:3] += piece.position[end, 0] - robot.jacobian(q).com
     try:
-        return ik.project(piece, end, ik.upright(piece, end, q), still)
+        return ik.upright(piece, end, q)
     except Unreachable:
-        return q, still
+        return q, np.zeros(robot.nv)
 
 
 def _shares(step: StepTrajectory, piece: StepReference, stance: int, robot: Robot) -> Array:
