@@ -37,6 +37,20 @@ class TaskTerms(NamedTuple):
     sole_turn: Array  # their rotations to world, shape (2, 3, 3)
 
 
+class Unsupported(NamedTuple):
+    """What a motion needs of motors and floor at T instants; the force is that of the floor on the body."""
+
+    torque: Array  # without any contact, with dampers, springs and dry friction, shape (T, nu) [N m]
+    force: Array  # in world, shape (T, 3) [N]
+    moment: Array  # of this force about the origin, in world, shape (T, 3) [N m]
+    jacobian: Array  # task Jacobian of the hinges, shape (T, R, nu)
+
+    def taken(self, foot: int, force: Array, moment: Array) -> Array:
+        """What a force on a sole, with its moment about the reference point, takes from the torques."""
+        rows = self.jacobian[:, 6 + 6 * foot : 12 + 6 * foot]
+        return np.asarray(np.einsum("ki,kij->kj", np.hstack([force, moment]), rows))
+
+
 class Gaps(NamedTuple):
     """Parts of a body that come closest to each other, at T configurations."""
 
@@ -218,19 +232,8 @@ class Robot:
         task_drift(self.rigid_body, v, v, drift)
         return drift
 
-    def unsupported(self, q: Array, v: Array, acceleration: Array) -> tuple[Array, Array, Array, Array]:
-        """What a motion needs of motors and floor, by inverse dynamics (Newton and Euler).
-
-        Args:
-            q: configurations, shape (T, nq).
-            v: shape (T, nv).
-            acceleration: shape (T, nv).
-
-        Returns:
-            Task Jacobian of the hinges, shape (T, R, nu), by which a ground force takes from their torques;
-            torques without any contact, with dampers, springs and dry friction, (T, nu) [N m]; force of the
-            floor on the body and its moment about the origin, in world, (T, 3) [N, N m].
-        """
+    def unsupported(self, q: Array, v: Array, acceleration: Array) -> Unsupported:
+        """Inverse dynamics (Newton and Euler) of T configurations, (T, nq), with rates and accelerations."""
         # Loads numba, which a plan with a known motion does without.
         from ampm.body.rigid_body import passive_torques
 
@@ -246,7 +249,7 @@ class Robot:
             turn = rows[6:9, :3]  # of the root to world
             jacobian[k] = rows[:, 6:]
             force[k], moment[k] = np.einsum("ij,kj->ki", turn, total[:6].reshape(2, 3))
-        return jacobian, torque, force, moment + np.cross(q[:, :3], force)
+        return Unsupported(torque, force, moment + np.cross(q[:, :3], force), jacobian)
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""

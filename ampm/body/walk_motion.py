@@ -309,13 +309,13 @@ def _upright(
 
 def _shares(step: StepTrajectory, piece: StepReference, stance: int, robot: Robot) -> Array:
     """Torques over their limits on the foot that stands, 0 or 1; on both feet those of the legs are NaN."""
-    jacobian, torque, force, moment = robot.unsupported(step.q, step.v, step.acceleration)
+    unsupported = robot.unsupported(step.q, step.v, step.acceleration)
+    torque, force, moment, _ = unsupported
     if stance < 2:
         moment = moment - np.cross(piece.position[:, 1 + stance], force)
         # A sole does not twist the floor.
         moment[:, 2] = -(force[:, :2] * moment[:, :2]).sum(axis=1) / force[:, 2]
-        rows = jacobian[:, 6 + 6 * stance : 12 + 6 * stance]
-        torque -= np.einsum("ki,kij->kj", np.hstack([force, moment]), rows)
+        torque -= unsupported.taken(stance, force, moment)
     else:
         torque[:, np.concatenate(robot.leg_joints) - 6] = np.nan
     return np.abs(torque) / robot.torque_limit

@@ -151,7 +151,7 @@ class FreeChoices:
     def parameters(self, choice: Mapping[str, float]) -> RunParameters:
         """The run with these choices; raises RefusedGait if the formula has no solution for them."""
         h, ball = self.description.height, self.sole.ball_x
-        run = self._replaced(
+        run = self._with_free(
             self.run,
             {
                 **self._timing(choice),
@@ -168,7 +168,7 @@ class FreeChoices:
         gains, swing = self.run.controller, plan.constants.single_support_duration
         double = plan.constants.double_support_duration
         faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(gains.swing_stiffness, 1.0))))
-        run = self._replaced(
+        run = self._with_free(
             run,
             {
                 "controller.swing_stiffness": gains.swing_stiffness * faster**2,
@@ -195,10 +195,8 @@ class FreeChoices:
         self, run: RunParameters, choice: Mapping[str, float], double: float, lead: float
     ) -> RunParameters:
         """Key-frames of the feet for a heel that rises ``lead`` before a double support of ``double`` [s]."""
-        down = self._set_or("foot.full_contact", choice["down"])
-        strike = self._set_or("foot.heel_strike_angle", choice["strike"])
-        toe_off = self._set_or("foot.toe_off_angle", choice["toe_off"])
-        return self._replaced(
+        down, strike, toe_off = choice["down"], choice["strike"], choice["toe_off"]
+        return self._with_free(
             run,
             {
                 "foot.heel_rise_lead": lead if toe_off else 0.0,
@@ -211,7 +209,7 @@ class FreeChoices:
             },
         )
 
-    def _replaced(self, run: RunParameters, values: Mapping[str, float | str]) -> RunParameters:
+    def _with_free(self, run: RunParameters, values: Mapping[str, float | str]) -> RunParameters:
         """The run with other values where they are free, not validated: all ranges are within the bounds."""
         sections: dict[str, dict[str, float | str]] = {}
         for key, value in values.items():
@@ -226,7 +224,7 @@ class FreeChoices:
         return float(self.run.value(key)) if key in self.fixed else value
 
     def guess(self) -> dict[str, float]:
-        """Choices by closed-form rules, scaled with stature and step.
+        """Choices by closed-form rules, scaled with stature and step; those of set values are these.
 
         Raises MathematicalRefusal if no share of single support and no roll lets the COM pass over the foot.
         """
@@ -297,7 +295,7 @@ class FreeChoices:
         return self._gait({"ratio": ratio, "roll": 0.0, "height": height})
 
     def _gait(self, choice: Mapping[str, float]) -> GaitParameters:
-        return self._replaced(self.run, self._timing(choice)).gait
+        return self._with_free(self.run, self._timing(choice)).gait
 
     def _passing_choice(self, choice: Mapping[str, float]) -> dict[str, float]:
         """Roll the ZMP farther, then shorten the single support, until the COM passes over the foot."""

@@ -165,7 +165,8 @@ def step_torques(
     time = np.minimum(time, plan.duration)
     time[-1] = np.nextafter(time[-1], 0.0) - 1e-9  # the step's end, not the next one's start
     feet, right = plan.feet.sample(time), plan.sample(time).right_load
-    jacobian, torque, force, moment = robot.unsupported(step.q, step.v, step.acceleration)
+    unsupported = robot.unsupported(step.q, step.v, step.acceleration)
+    torque, force, moment, _ = unsupported
     # The moment about the origin is zmp x force, and the twist about the vertical through the ZMP.
     x, y = -moment[:, 1] / force[:, 2], moment[:, 0] / force[:, 2]
     twist = moment[:, 2] - x * force[:, 1] + y * force[:, 0]
@@ -175,8 +176,7 @@ def step_torques(
         place, load = feet[foot].position, share[:, None] * force
         turning = np.cross(points[foot] - place, load)
         turning[:, 2] += share * twist
-        rows = jacobian[:, 6 + 6 * foot : 12 + 6 * foot]
-        torque -= np.einsum("ki,kij->kj", np.hstack([load, turning]), rows)
+        torque -= unsupported.taken(foot, load, turning)
         if sole.has_toes:
             axis = place[:, 0] + sole.ball_x * np.cos(feet[foot].pitch)
             torque[:, robot.toe_joints[foot] - 6] += np.maximum(0.0, points[foot][:, 0] - axis) * load[:, 2]
