@@ -25,6 +25,7 @@ from ampm.planner.support import StepPlan, margin_on
 
 if TYPE_CHECKING:
     from ampm.body.motion import MotionReport
+    from ampm.body.robot import Robot
 
 FLOOR_TOLERANCE = 1e-6
 """Depth under the floor that rounding may give a planned sole point [m]."""
@@ -82,15 +83,16 @@ def check_ankles(plan: StepPlan, description: BodyDescription) -> None:
     check([(straight, heading), (level, abs(plan.contacts.slope[1]))])
 
 
-def check_motion(report: MotionReport, description: BodyDescription) -> None:
+def check_motion(report: MotionReport, robot: Robot) -> None:
     """Refuse a motion that is not periodic or exceeds the range of a joint, by a BodilyRefusal."""
     knee, joint, parts = report.knee_minimum, report.joint_limit_margin, report.clearance
+    description = robot.description
     turn = "the motion's end is not a mirror image of its start: the largest difference"
     straight = f"the {knee.where} knee straightens at {knee.time:.3f} s of the step: its flexion"
     past = f"joint {joint.where} would pass its limit at {joint.time:.3f} s of the step: its distance from it"
     near = f"{parts.where} come too close at {parts.time:.3f} s of the step: their distance"
-    arms = any(part in parts.where for part in ("arm", "hand"))
-    spread = "raise body.arm_abduction" if arms else "raise gait.step_width"
+    of_arms = "raise body.arm_abduction" if description.spread else LESS
+    apart = of_arms if robot.of_arm(parts.where) else "raise gait.step_width"
     bend = "lower gait.com_height, shorten gait.step_length or raise foot.toe_off_angle"
     group = next((name for name, names in joint_groups(description).items() if joint.where in names), "")
     way_out = _JOINT_WAYS_OUT.get(group, LESS)
@@ -99,7 +101,7 @@ def check_motion(report: MotionReport, description: BodyDescription) -> None:
             (Limit(turn, "rad", RETURN_TOLERANCE, AT_MOST, "no_periodic_motion", LESS), report.residual),
             (Limit(straight, "rad", KNEE_MINIMUM, AT_LEAST, "knee_too_straight", bend), knee.value),
             (Limit(past, "rad", 0.0, AT_LEAST, "joint_limits", way_out), joint.value),
-            (Limit(near, "m", CLEARANCE, AT_LEAST, "self_collision", spread), parts.value),
+            (Limit(near, "m", CLEARANCE, AT_LEAST, "self_collision", apart), parts.value),
         ]
     )
 

@@ -70,7 +70,7 @@ def solve_motion(plan: StepPlan, run: RunParameters, robot: Robot) -> WholeBodyM
         raise _refusal(error, plan.com_height) from error
     # The multipliers hardly depend on the grid.
     motion = _motion(plan, fine, orbit, leading_multipliers(coarse, rough))
-    check_motion(motion.report, robot.description)
+    check_motion(motion.report, robot)
     return motion
 
 

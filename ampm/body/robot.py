@@ -96,6 +96,8 @@ class Robot:
         self.straight_knees = np.array([leg.straight_knee for leg in description.legs])
         self.trunk_joints = self.velocity_indices(description.trunk)
         self.arm_joints = self.velocity_indices(description.arms)
+        arms = {model.getJointId(joint) for joint in (*description.left_arm, *description.right_arm)}
+        self._arm_parts = {f.name.replace("_", " ") for f in model.frames if f.parentJoint in arms}
         self.leg_joints = tuple(self.velocity_indices(leg.joints) for leg in description.legs)
         points = list(description.sole_points())
         self.point_frames = tuple(self._frame(site) for _, _, site in points)
@@ -190,6 +192,10 @@ class Robot:
         parts = np.where(nearer, other.parts, gaps.parts).tolist()
         points = np.where(nearer[:, None, None], other.points, gaps.points)
         return Gaps(np.minimum(gaps.distance, other.distance), tuple(parts), points)
+
+    def of_arm(self, parts: str) -> bool:
+        """Whether one of two parts, by their names in :class:`Gaps`, is moved by an arm's hinge."""
+        return not self._arm_parts.isdisjoint(parts.split(" and "))
 
     @cached_property
     def _one_sided(self) -> bool:

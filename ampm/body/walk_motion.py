@@ -152,7 +152,7 @@ def _walk_limits(plan: StepPlan, walk: _WalkMotion, robot: Robot) -> Iterator[tu
     turn = "turn the toes out, by 0.1 rad for example, or in if they are out, "
     turn_less = ", or turn less" if np.ptp(contacts.headings) else ""
     less = f"{_retimed(plan, when)}{turn}put the feet further apart{turn_less}"
-    if any(part in parts for part in ("arm", "hand", "elbow", "wrist")):
+    if robot.of_arm(parts):
         wider = "raise body.arm_abduction, or " if robot.description.spread else ""
         reason, less = "arm_collision", f"{wider}shorten or narrow the steps about it"
     yield Limit(what, "m", CLEARANCE + _NEARER, AT_LEAST, reason, less), distance

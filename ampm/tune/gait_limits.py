@@ -139,7 +139,7 @@ def _gaps(step: StepTrajectory, time: Array, robot: Robot) -> Array:
             between.append(pin.integrate(robot.model, step.q[k], change))
     more = robot.step_gaps(np.array(between))
     distance, parts = np.append(at_nodes.distance, more.distance), at_nodes.parts + more.parts
-    arms = np.array([any(part in names for part in ("arm", "hand")) for names in parts])
+    arms = np.array([robot.of_arm(names) for names in parts])
     return np.array([distance[those].min(initial=LIMITS["gap"].target) for those in (arms, ~arms)])
 
 
