@@ -59,9 +59,8 @@ class StepReference(NamedTuple):
 
 def step_grid(plan: StepPlan, largest_step: float) -> Array:
     """Times of the first step, uniform within each phase, with a node on every switch [s]."""
-    single, double = plan.constants.single_support_duration, plan.constants.double_support_duration
-    n1, n2 = (max(2, int(np.ceil(duration / largest_step))) for duration in (single, double))
-    return phase_grid(plan, n1, n2)
+    durations = plan.constants.single_support_duration, plan.constants.double_support_duration
+    return phase_grid(plan, *(max(2, int(np.ceil(duration / largest_step))) for duration in durations))
 
 
 def phase_grid(plan: StepPlan, n1: int, n2: int) -> Array:

@@ -107,12 +107,11 @@ class FreeChoices:
         held: Collection[str] = (),
     ) -> None:
         self.run, self.fixed, self.description = run, frozenset(fixed), description
-        self.held = frozenset(held)
         self.sole = description.sole
         self.ramp = _RAMP if self.sole.has_toes else _RAMP_WITHOUT_TOES
         self.flat = run.foot.schedule == "flat"
         self.useless = (_ROLLING if self.flat else set()) | (set() if description.spread else {"spread"})
-        kept, idle = self.fixed | self.held, self.useless | ({"rise"} if self.sole.has_toes else set())
+        kept, idle = self.fixed.union(held), self.useless | ({"rise"} if self.sole.has_toes else set())
         free = [choice for choice in CHOICES if choice.key not in kept and choice.name not in idle]
         self.names = [choice.name for choice in free]
         self.lower = np.array([choice.lower for choice in free])

@@ -95,6 +95,10 @@ class Candidate:
         """Least normalised margin; minus infinity where there is no periodic step."""
         return -math.inf if self.orbit is None else least_margin(self.values)
 
+    def cost(self, wanted: float) -> float:
+        """Squares of the shortfalls of all margins from a wanted one; infinite without a periodic step."""
+        return math.inf if self.orbit is None else float((_shortfall(self.detail, wanted) ** 2).sum())
+
     def state(self) -> Array:
         """Margins and unknowns of the periodic step, which the search takes as linear in the choices."""
         return self.detail if self.orbit is None else np.concatenate([self.detail, self.orbit.z])
@@ -151,11 +155,7 @@ class ChoiceSearch:
                 found.append(candidate)
             if len(found) == _ENOUGH_ORBITS or (not found and len(self.candidates) == _NO_ORBIT):
                 break
-        return min(
-            found,
-            key=lambda candidate: float((_shortfall(candidate.detail, 1.0) ** 2).sum()),
-            default=self.candidates[-1],
-        )
+        return min(found, key=lambda candidate: candidate.cost(1.0), default=self.candidates[-1])
 
     def _judged(self, x: Array, near: Candidate | None) -> Candidate:
         """Plan, periodic step and margins of one choice, as far as there are any."""
@@ -203,9 +203,7 @@ class ChoiceSearch:
             return pull * (candidate.x - self.guess) / space.slack
 
         def cost(candidate: Candidate) -> float:
-            if candidate.orbit is None:
-                return math.inf
-            return float((_shortfall(candidate.detail, wanted) ** 2).sum() + (away(candidate) ** 2).sum())
+            return candidate.cost(wanted) + float((away(candidate) ** 2).sum())
 
         for _ in range(_TRIES):
             before = cost(here)
