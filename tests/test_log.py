@@ -103,7 +103,6 @@ def test_start_and_place_are_found_and_said(folder, summary, table):
         assert value(trial, name) == pytest.approx(summary["metrics"][name]["value"], rel=0.2)
     said = " ".join(facts["notes"])
     assert "moved by -5e+05 m along x" in said
-    assert "turned by 0.00 degrees" in said
     assert "1529 instants of the plan are compared, 0.250 to 4.070 s, " in said
 
 
@@ -132,10 +131,7 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     table = {name: values[gone] for name, values in table.items()}
     trial = val.judge_log(table, folder, start=0.0, place=(0.0, 0.0))
     assert " steps of " in trial.planned.name  # the log ends before the plan
-    assert any(
-        "Gaps that are left out: 3 of 0.75 s in all, the longest 0.25 s" in note
-        for note in trial.table().notes
-    )
+    assert any("3 of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
     assert trial.verdict.reason.startswith("Pass on 11 of 11; 15.5% of the time is left out")
 
