@@ -107,9 +107,10 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     x, y = np.diff(interp(ends, log.time, log.signals["zmp"]), axis=0)[0]
     angle = math.degrees(math.atan2(y, x))
     if abs(angle) > _ASIDE and math.hypot(x, y) > _FAR:
+        side = "left" if angle > 0.0 else "right"
         raise InputError(
-            f"{log.name} walks {angle:.3g} degrees to the left of x, more than {_ASIDE:g}; turn all x and "
-            "y into the direction of the walk."
+            f"{log.name} walks {abs(angle):.3g} degrees to the {side} of x, more than {_ASIDE:g}; turn all x "
+            "and y into the direction of the walk."
         )
     if not weighed and len(left) > 1:
         strides_only = (log.time >= left[0]) & (log.time < left[-1])

@@ -246,7 +246,10 @@ def _aligned(
             f"{mean_of}: its bias is not judged."
         )
     if mean_of and not strides:
-        notes.append(f"Its way is turned by {math.degrees(turn):z.2f} degrees to the left of the plan's.")
+        side = "left" if turn > 0.0 else "right"
+        notes.append(
+            f"Its way is turned by {abs(math.degrees(turn)):.2f} degrees to the {side} of the plan's."
+        )
     facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
         f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s, and "
