@@ -52,8 +52,8 @@ class Reference:
 
     Of T instants, ``reference[k]`` is that of one, and ``reference[start:stop]`` those of some, not copied.
 
-    The fields below are a table. The row's type, these attributes, the arrays of compiled functions and the
-    values that a :class:`~ampm.walk.WalkPlan` gives all follow from it.
+    Vectors are in world, of the feet the left one first. The fields below are a table: the row's type, these
+    attributes, the arrays of compiled functions and what a :class:`~ampm.walk.WalkPlan` gives follow from it.
 
     Args:
         row: of :func:`reference_type`; every attribute is a view of it.
@@ -97,11 +97,11 @@ class Reference:
     )
     """Angle, velocity and acceleration of the toe joints, shape (2, 3) [rad, rad/s, rad/s^2]."""
     q = Field(("nq",), lambda at: at.now.posture.q)
-    """Configuration of the body, Pinocchio's coordinates, shape (nq,)."""
+    """Configuration of the body, as of :class:`~ampm.walk.State`, shape (nq,) [m, rad]."""
     v = Field(("nv",), lambda at: at.now.posture.v)
-    """Velocity of the body, root part in root axes, shape (nv,)."""
+    """Velocity of the body, root part in root axes, shape (nv,) [m/s, rad/s]."""
     acceleration = Field(("nv",), lambda at: at.held.posture.acceleration)
-    """Acceleration of the body, root part in root axes, shape (nv,)."""
+    """Acceleration of the body, root part in root axes, shape (nv,) [m/s^2, rad/s^2]."""
     trunk = Field((3, 3), lambda at: at.now.posture.trunk)
     """Rotation of the trunk segment to world, shape (3, 3)."""
     time = Field((), lambda at: at.times, smooth=False)

@@ -151,8 +151,8 @@ class State(NamedTuple):
 
     Attributes:
         time: [s].
-        q: Pinocchio configuration, shape (nq,).
-        v: Pinocchio velocity, shape (nv,).
+        q: Pinocchio's: the root's place in world [m], quaternion (x, y, z, w), hinges [rad], shape (nq,).
+        v: of the root in its own axes [m/s, rad/s], then of the hinges [rad/s], shape (nv,).
         velocity_lag: how much older ``v`` is than ``q`` [s]. A difference quotient, and a semi-implicit
             integrator's velocity, is the mean over the last step: half a step old.
     """
@@ -167,7 +167,7 @@ class Touch(NamedTuple):
     """Contact readings of the soles.
 
     Attributes:
-        contact: sole points in contact, shape (P,), bool.
+        contact: sole points in contact, left foot first, each from heel over ball to tip, shape (P,), bool.
         normal_force: latest normal force of every sole point, shape (P,) [N].
         age: how old that force is [s].
         threshold: load below which a touch may be missed [N].
@@ -210,10 +210,10 @@ class Replanner(Planner, Protocol):
 
 
 class ControlOutput(NamedTuple):
-    """Output of one tick. Only the torque is needed; the other fields are optional.
+    """Output of one tick, vectors in world. Only the torque is needed; the other fields are optional.
 
     Attributes:
-        torque: joint torques, shape (nu,) [N m].
+        torque: of the motors, in the order of ``robot.joint_names``, shape (nu,) [N m].
         force: net ground force commanded, shape (3,) [N].
         zmp: ZMP of the wrench commanded, shape (2,) [m].
         angular_momentum: about the COM, commanded, shape (3,) [N m s].

@@ -140,7 +140,7 @@ class CentroidalPlan(Brief):
     Attributes:
         mass: of the body [kg].
         gravity: [m/s^2].
-        com_height: height of the COM over the floor, H, constant where the floor is [m].
+        com_height: height of the COM over the floor, H; between uneven footsteps it varies about H [m].
         switching_velocity: forward speed of the COM at a switch, v0, the scale of jumps [m/s].
         contacts: which foot stands where, and when.
         phases: consecutive phases of the motion, as long as the contacts.

@@ -34,7 +34,7 @@ class Footstep(NamedTuple):
     Attributes:
         foot: which foot.
         position: reference point of the sole (x, y, z) in world [m].
-        heading: yaw of the foot [rad].
+        heading: direction of the foot, from x, positive to the left [rad].
     """
 
     foot: Side

@@ -65,7 +65,7 @@ class Replay:
 
 
 def replay(directory: str | Path, *, progress: Progress | None = None) -> Replay:
-    """Replay the folder of a finished run, and report stages to ``progress``.
+    """Step a finished run again; ``identical`` of the result says whether every bit agrees.
 
     Raises :class:`InputError` if a file is missing, damaged, or not what the run wrote.
     """

@@ -172,7 +172,7 @@ class SavedRun(Tabled):
 
 
 def load_saved_run(directory: str | Path, *, check: bool = True) -> SavedRun:
-    """Read a run folder; ``check`` compares all files with the digests in the summary.
+    """Read a run's parameters, signals, record and summary; ``check`` compares files with their digests.
 
     Raises :class:`InputError` if folder or file is missing, damaged, or not what the run wrote.
     """
