@@ -28,7 +28,6 @@ Kind = TypeVar("Kind")
 _SOURCES = (
     "ampm/compiled.py",
     "ampm/linear.py",
-    "ampm/qp.py",
     "ampm/reference.py",
     "ampm/vectors.py",
     "ampm/body/*.py",

@@ -8,9 +8,9 @@ from scipy.sparse import csc_matrix
 
 from ampm.body.robot import Robot
 from ampm.control.controller import TrackingController
+from ampm.control.qp import QPProblem, QPSolution, QPSolver
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.qp import QPProblem, QPSolution, QPSolver
 from benchmarks.peer import Peer
 from validation.progress import Progress
 from validation.trial.plan import PlannedWalk

@@ -6,9 +6,9 @@ import pytest
 from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
+from ampm.control.qp import QPSettings
 from ampm.control.workspace import Contact, Line, Point, gains_of
 from ampm.controller_parameters import ControllerParameters
-from ampm.qp import QPSettings
 
 POINTS = 6
 FOOT = POINTS + 3

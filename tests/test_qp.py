@@ -9,7 +9,7 @@ import numpy as np
 import osqp
 import pytest
 
-from ampm.qp import QPProblem, QPSettings, QPSolver
+from ampm.control.qp import QPProblem, QPSettings, QPSolver
 
 EXACT = QPSettings(tolerance=1e-10, max_iterations=20000)
 N, M, EQUALITIES = 12, 16, 3

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ampm.control import contact_qp, limited_qp
+from ampm.control.qp import QPSolution, QPSolver
 from ampm.exceptions import SolverError
-from ampm.qp import QPSolution, QPSolver
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from models.scene import BodyModel
 from tests.records import first_difference, stored

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
+from ampm.control.qp import QPProblem, QPSettings, QPSolver
 from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
 from ampm.geometry import Array
 from ampm.linear import add_combination, substitute, triangular
-from ampm.qp import QPProblem, QPSettings, QPSolver
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over

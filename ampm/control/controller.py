@@ -17,11 +17,11 @@ from ampm.compiled import bound, refer
 from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
 from ampm.control.limited_qp import LimitedQP, acceleration_bounds
+from ampm.control.qp import QPSettings, QPSolution
 from ampm.control.tick import finish_tick, keep_tick, prepare_qp, update_torques
 from ampm.control.workspace import SteppingState, make_workspace
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
-from ampm.qp import QPSettings, QPSolution
 from ampm.reference import reference_type
 from ampm.stepping.tracker import StepTracker
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan

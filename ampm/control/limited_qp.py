@@ -10,9 +10,9 @@ import numpy as np
 from ampm.body.robot import Robot
 from ampm.compiled import compiled
 from ampm.control.contact_qp import ContactQP
+from ampm.control.qp import QPProblem, QPSettings, QPSolution, QPSolver
 from ampm.control.workspace import Joints, Workspace
 from ampm.geometry import Array
-from ampm.qp import QPProblem, QPSettings, QPSolution, QPSolver
 
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
 _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
