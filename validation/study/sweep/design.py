@@ -19,16 +19,18 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.stats import qmc
 
+from ampm.description import BodyDescription
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN, KEYS, OPTION_TABLES, SECTIONS, RunParameters, field_of, is_option, rounded
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, load_run
 from ampm.section import Option, Real, Section, read_toml, unknown
+from ampm.tune.first_gait import first_gait
+from models.load import build_body
 from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile
 from validation.store.environment import parameter_values
 from validation.trial import users
 from validation.trial.engine import check_drake
-from validation.trial.plan import own_gait
 
 MOST_CASES = 100_000
 """Runs of one sweep at most, and points of a sampled block: of 10 s each they take 12 days of a core."""
@@ -219,30 +221,21 @@ class SweepDefinition(Section, section="sweep"):
     @cached_property
     def shared(self) -> tuple[RunParameters, ...]:
         """What the runs of each gait share: it with ``steps`` and ``set``, as given unless they tune."""
-        return self._shared({})
-
-    def suited(self, run: int) -> RunParameters:
-        """What a run shares with others; a robot's own values depend on the engine and on exact sensors."""
-        gait, varied = self.gait_of(run), self.varied(run)
-        changed = {key: varied[key] for key in varied if key == ENGINE_KEY or key.startswith("sensors.")}
-        with suppress(InputError):  # keys that do not go together
-            found = self.shared[gait].replace(changed)
-            kind = found.simulation.engine, found.sensors.perfect
-            if changed and kind not in self._suited:
-                self._suited[kind] = self._shared(changed)
-            return self._suited[kind][gait] if changed else self.shared[gait]
-        return self.shared[gait]
+        return tuple(self._complete(gait, {}) for gait in range(len(self.base)))
 
     @cached_property
-    def _suited(self) -> dict[tuple[str, bool], tuple[RunParameters, ...]]:
-        """What runs share, by engine and whether sensors are perfect, as :meth:`suited` needs it."""
-        return {}
+    def _fixed(self) -> list[tuple[RunParameters, BodyDescription | None]]:
+        """Each gait with ``steps`` and ``set``, and its body, which no key varies; None for the human."""
+        steps = {} if self.steps is None else {STEPS_KEY: self.steps}
+        runs = [run.replace({**self.set, **steps}) for run in self.base]
+        return [(run, None if run.body.source == HUMAN else build_body(run).description) for run in runs]
 
-    def _shared(self, changed: Mapping[str, Option]) -> tuple[RunParameters, ...]:
-        """What the runs share, with some of the varied keys."""
-        fixed = {**self.set, **({} if self.steps is None else {STEPS_KEY: self.steps}), **changed}
-        runs = [own_gait(run.replace(fixed)) for run in self.base]
-        return tuple(run if self.tune else run.as_is() for run in runs)
+    def _complete(self, gait: int, varied: Mapping[str, Option]) -> RunParameters:
+        """A gait with varied keys; of a robot with its own values, which depend on engine and sensors."""
+        run, body = self._fixed[gait]
+        run = run.replace(varied) if varied else run
+        run = run if body is None else first_gait(run, body)
+        return run if self.tune else run.as_is()
 
     def gait_of(self, run: int) -> int:
         """Number of the gait of a run."""
@@ -307,7 +300,14 @@ class SweepDefinition(Section, section="sweep"):
 
     def parameters(self, run: int) -> RunParameters:
         """Everything that describes one run; InputError if its keys do not go together."""
-        return self.suited(run).replace(self.varied(run))
+        return self._complete(self.gait_of(run), self.varied(run))
+
+    def values_of(self, run: int) -> dict[str, Any]:
+        """Every parameter of one run by key, also of one whose keys do not go together."""
+        found = parameter_values(self.shared[self.gait_of(run)])
+        with suppress(InputError):
+            found |= parameter_values(self.parameters(run))
+        return found | self.varied(run)
 
     def name_of(self, run: int) -> str:
         """Number of a run as text, with zeros in front so that names sort as numbers do."""

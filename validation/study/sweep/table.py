@@ -25,7 +25,7 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 from validation.judge.metrics import METRICS, display_unit
 from validation.judge.profiles import Tolerance
-from validation.store.environment import code_hash, describe_environment, parameter_values, run_key
+from validation.store.environment import code_hash, describe_environment, run_key
 from validation.study.row_file import ROWS, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, dump_sweep, load_sweep
 from validation.study.sweep.schema import schema
@@ -281,12 +281,7 @@ def short_names(names: Sequence[str]) -> list[str]:
 def key_of(definition: SweepDefinition, run: int) -> str:
     """Key of a run among the rows of a folder: its number, and a hash of what the definition says of it."""
     shared = {"profile": definition.judged_by.name, "tune": definition.tune}
-    return f"{definition.name_of(run)}-{run_key({**_values(definition, run), **shared})}"
-
-
-def _values(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Every parameter of a run, also of one whose keys do not go together."""
-    return parameter_values(definition.suited(run)) | definition.varied(run)
+    return f"{definition.name_of(run)}-{run_key({**definition.values_of(run), **shared})}"
 
 
 def build_table(definition: SweepDefinition, rows: Iterable[Row]) -> pa.Table:
@@ -303,7 +298,7 @@ def _table_row(definition: SweepDefinition, row: Row, texts: Sequence[str]) -> d
     """A row of the engine with the parameters of its run; values of some options become texts."""
     name = row["key"].partition("-")[0]
     run = int(name)
-    values, gait = _values(definition, run), definition.gaits[definition.gait_of(run)]
+    values, gait = definition.values_of(run), definition.gaits[definition.gait_of(run)]
     found = {**values, **row, "run": run, "name": name, "gait": gait, "key": run_key(values)}
     found |= {key: float(value) for key, value in row.items() if value in ("inf", "-inf")}
     for key in texts:
