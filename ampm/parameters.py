@@ -195,9 +195,10 @@ def footstep_keys(row: Any) -> Any:
     """Keys of an :class:`ampm.Footstep`; anything else as it is."""
     try:
         foot, (x, y, z), heading = row.foot, map(float, row.position), float(row.heading)
+        time = {} if row.time is None else {"time": row.time}
     except (AttributeError, TypeError, ValueError):
         return row
-    return {"foot": foot, "x": x, "y": y, "heading": heading} | ({"z": z} if z else {})
+    return {"foot": foot, "x": x, "y": y, "heading": heading} | ({"z": z} if z else {}) | time
 
 
 OPTION_TABLES: Mapping[str, str] = {

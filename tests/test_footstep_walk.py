@@ -87,22 +87,23 @@ def test_equal_steps_have_the_feet_of_the_periodic_gait():
 
 
 def stop_and_go(pause=1.0):
-    """Four steps of 0.5 m, a stand, as many again; and when each is reached [s], None but after the stand."""
+    """Four steps of 0.5 m, a stand, as many again, of which the first has a time."""
     footsteps = routes.route([(0.5 * k, 0.0, 0.0) for k in (0, 1, 2, 3, 3, 4, 5, 6)], 0.2)
     stopped = SETTLING + 4.0 * CONSTANTS.step_duration - CONSTANTS.double_support_duration
-    landings = [None] * len(footsteps)
-    landings[6] = stopped + 2.0 * SETTLING + pause + CONSTANTS.single_support_duration
-    return footsteps, landings
+    landing = stopped + 2.0 * SETTLING + pause + CONSTANTS.single_support_duration
+    footsteps[6] = footsteps[6]._replace(time=landing)
+    return footsteps
 
 
 def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
-    footsteps, landings = stop_and_go(0.7)
-    landings[2] = 3.0  # it starts late, too
-    landings[6] += 3.0 - SETTLING - CONSTANTS.single_support_duration
-    walk = plan_footstep_walk(RUN.replace({}, footsteps=routes.as_rows(footsteps, landings)), BODY)
+    footsteps = stop_and_go(0.7)
+    again = footsteps[6].time + 3.0 - SETTLING - CONSTANTS.single_support_duration
+    footsteps[2] = footsteps[2]._replace(time=3.0)  # it starts late, too
+    footsteps[6] = footsteps[6]._replace(time=again)
+    walk = plan_footstep_walk(RUN.replace({}, footsteps=footsteps), BODY)
     landed = [phase.start for phase in walk.contacts.phases[2::2]]
     assert landed[0] == pytest.approx(3.0)
-    assert landed[4] == pytest.approx(landings[6])
+    assert landed[4] == pytest.approx(again)
     assert max(walk.residuals().values()) < 1e-9
     stand = walk.sample(landed[3] + SETTLING + np.linspace(0.0, 0.7, 20))
     np.testing.assert_allclose(stand.com_velocity, 0.0, rtol=0.0, atol=1e-12)
@@ -111,7 +112,7 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
 
 def after_a_stand(number, **change):
     """A plan of footsteps with a stand, one of them changed."""
-    rows = routes.as_rows(*stop_and_go())
+    rows = routes.as_rows(stop_and_go())
     rows[number] |= change
     return plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 

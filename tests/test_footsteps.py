@@ -72,22 +72,23 @@ STEP = st.tuples(st.floats(-0.2, 0.6), st.floats(0.14, 0.3), st.floats(-0.3, 0.3
 def test_any_steps_are_walked_or_refused_by_name(steps, gait, timed):
     x = y = heading = 0.0
     footsteps = [Footstep("right", (0.0, -0.09, 0.0)), Footstep("left", (0.0, 0.09, 0.0))]
-    landings, time = [0.0, 0.0], 0.8
+    time = 0.8
     for k, (length, width, turn, duration) in enumerate(steps):
         heading += turn
         x, y = x + length * math.cos(heading), y + length * math.sin(heading)
         aside = -0.5 * width if k % 2 == 0 else 0.5 * width
         place = (x - aside * math.sin(heading), y + aside * math.cos(heading), 0.0)
-        footsteps.append(Footstep("right" if k % 2 == 0 else "left", place, heading))
-        landings.append(time + duration)
+        landing = time + duration if timed else None
+        footsteps.append(Footstep("right" if k % 2 == 0 else "left", place, heading, landing))
         time += duration + 0.15
     try:
-        walk = plan(footsteps, gait, landings=landings if timed else None)
+        walk = plan(footsteps, gait)
     except BodilyRefusal as error:
         known = str(error).startswith("footstep") and math.isfinite(error.value)
     else:
         assert_walk(walk, SOLE)
-        known = not timed or np.abs(walk.contacts.starts[2::2] - landings[2:]).max() < 1e-12
+        landed = zip(walk.contacts.starts[2::2], footsteps[2:], strict=True)
+        known = not timed or max(abs(start - step.time) for start, step in landed) < 1e-12
     assert known
 
 
@@ -96,10 +97,9 @@ def moved(steps, number, **change):
     return [step._replace(**change) if step is steps[number] else step for step in steps]
 
 
-def easier(steps, landings=None):
+def easier(steps):
     """A walk over footsteps, for its refusal."""
-    run = GAITS["normal"].replace({}, footsteps=routes.as_rows(steps, landings))
-    return plan_walk(Request("normal", run))
+    return plan_walk(Request("normal", GAITS["normal"].replace({}, footsteps=steps)))
 
 
 @pytest.mark.parametrize("name", WALKS)
@@ -109,7 +109,7 @@ def test_eased_footsteps(name):
     width = abs(walk[1].position[1] - walk[0].position[1])
 
     def eased(share):
-        run = GAITS["normal"].replace({}, footsteps=routes.as_rows(walk, range(len(walk))))
+        run = GAITS["normal"].replace({}, footsteps=[step._replace(time=k) for k, step in enumerate(walk)])
         rows = routes.eased(run.footsteps, share, width)
         assert [row["time"] for row in rows] == list(range(len(walk)))
         return [routes.of_row(FootstepParameters(**row)) for row in rows]

@@ -25,10 +25,9 @@ def gait_of(source: str) -> ampm.RunParameters:
     return complete(request).run.as_is()
 
 
-def plan(source: str, footsteps: list[ampm.Footstep], landings: list[float | None] | None = None) -> None:
+def plan(source: str, footsteps: list[ampm.Footstep]) -> None:
     run = HUMAN if source == "human" else gait_of(source)
-    run = run.replace({}, footsteps=routes.as_rows(footsteps, landings))
-    ampm.FootstepPlanner().plan(run, make_body(run).robot)
+    ampm.FootstepPlanner().plan(run.replace({}, footsteps=footsteps), make_body(run).robot)
 
 
 def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
@@ -49,7 +48,8 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
 @pytest.mark.parametrize("landing", [4.7, 6.0])
 def test_after_a_stand_a_leg_gets_straight_and_the_walk_is_accepted(landing) -> None:
     footsteps = routes.straight(10, 0.35, 0.2)
-    plan("human", footsteps, [landing if number == 4 else None for number in range(len(footsteps))])
+    footsteps[4] = footsteps[4]._replace(time=landing)
+    plan("human", footsteps)
 
 
 def test_a_quicker_gait_whose_heels_rise_late_is_walked() -> None:

@@ -35,11 +35,13 @@ class Footstep(NamedTuple):
         foot: which foot.
         position: reference point of the sole (x, y, z) in world [m].
         heading: direction of the foot, from x, positive to the left [rad].
+        time: when the foot is to land [s]; None leaves it to the gait, or to the switches of contacts.
     """
 
     foot: Side
     position: tuple[float, float, float]
     heading: float = 0.0
+    time: float | None = None
 
 
 class Phase(NamedTuple):

@@ -11,10 +11,11 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, Footstep, check_landing
+from ampm.planner.contacts import Contacts, check_landing
 from ampm.planner.footsteps import check_footsteps, plan_footsteps
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
+from ampm.planner.routes import of_row
 from ampm.planner.stride import plan_feet
 from ampm.planner.support import StepPlan
 from ampm.planner.swings import plan_swings
@@ -37,14 +38,12 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
     Raises:
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
     """
-    footsteps = [Footstep(row.foot, (row.x, row.y, row.z), row.heading) for row in run.footsteps]
-    landings = [row.time for row in run.footsteps]
+    footsteps = [*map(of_row, run.footsteps)]
     check_footsteps(footsteps)
     walks = []
-    for first, last, begin in stands(run, landings):
-        times = [None if time is None else time - begin for time in landings[first:last]]
-        walk = plan_footsteps(footsteps[first:last], run.gait, body, landings=times, first=first + 1)
-        walks.append((begin, walk))
+    for first, last, begin in stands(run, [step.time for step in footsteps]):
+        part = [step._replace(time=step.time and step.time - begin) for step in footsteps[first:last]]
+        walks.append((begin, plan_footsteps(part, run.gait, body, first=first + 1)))
     return with_feet(in_turn(walks), run, body)
 
 

@@ -37,12 +37,7 @@ SOLVES = 10
 
 
 def plan_footsteps(
-    footsteps: Sequence[Footstep],
-    gait: GaitParameters,
-    body: BodyDescription,
-    *,
-    landings: Sequence[float | None] | None = None,
-    first: int = 1,
+    footsteps: Sequence[Footstep], gait: GaitParameters, body: BodyDescription, *, first: int = 1
 ) -> CentroidalPlan:
     """Plan a walk over footsteps, from rest to rest.
 
@@ -52,12 +47,10 @@ def plan_footsteps(
     both feet on the floor, the COM at rest midway between them, and no angular momentum.
 
     Args:
-        footsteps: where both feet stand at first, then where each lands; left and right in turn, the foot
-            that swings first at the head. At least three.
+        footsteps: where both feet stand at first, from 0 s, then where each lands; left and right in turn,
+            the foot that swings first at the head. At least three.
         gait: see above; its step length and steps count only for the durations.
         body: its mass, soles and lengths.
-        landings: time at which each footstep is reached [s]; None leaves it to the gait. The first two are
-            not read. The standing time before the first swing is :data:`SETTLING`.
         first: number of the first footstep, for errors.
 
     Raises:
@@ -68,7 +61,7 @@ def plan_footsteps(
     """
     check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
-    contacts = contacts_over(footsteps, nominal, landings)
+    contacts = contacts_over(footsteps, nominal)
     solved = solve_within_limits(problem_of(footsteps, contacts, gait, body.mass * GRAVITY), body.sole)
     phases = _phases(contacts.starts.tolist(), solved)
     if uneven(footsteps):
@@ -108,24 +101,20 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
             raise InputError(f"footstep {number} has a value that is not a finite number; correct it.")
 
 
-def contacts_over(
-    footsteps: Sequence[Footstep], nominal: CentroidalPlan, landings: Sequence[float | None] | None
-) -> Contacts:
-    """Phases of the walk: single supports as long as the gait's, or until the given landings."""
+def contacts_over(footsteps: Sequence[Footstep], nominal: CentroidalPlan) -> Contacts:
+    """Phases of the walk: single supports as long as the gait's, or until the footsteps' times."""
     single, double = nominal.constants.single_support_duration, nominal.constants.double_support_duration
-    wanted: list[float | None] = [None] * len(footsteps) if landings is None else list(landings)
-    if len(wanted) != len(footsteps):
-        raise InputError(f"{len(wanted)} landings for {len(footsteps)} footsteps; give one each, or None.")
     switches, lifted = [0.0], SETTLING
-    for number, time in enumerate(wanted[2:], start=2):
-        landing = lifted + single if time is None else float(time)
+    for number, step in enumerate(footsteps[2:], start=2):
+        landing = lifted + single if step.time is None else float(step.time)
         if not math.isfinite(landing):
             raise InputError(f"footstep {number + 1} is reached at {landing} s; give a finite time, or None.")
         check_landing(number, landing, lifted, double, single)
         switches += [lifted, landing]
         lifted = landing + double
     switches.append(switches[-1] + SETTLING)
-    return Contacts(tuple(footsteps), np.array(switches), nominal.contacts.slope)
+    placed = tuple(step._replace(time=None) for step in footsteps)  # the switches have the times
+    return Contacts(placed, np.array(switches), nominal.contacts.slope)
 
 
 def problem_of(

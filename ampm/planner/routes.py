@@ -108,8 +108,7 @@ def eased(footsteps: Sequence[Row], share: float, width: float) -> list[dict[str
         share: of the lengths, turns and heights that is kept [1].
         width: towards which the lateral distance of the feet goes, as far as a step's length towards 0 [m].
     """
-    rows = as_rows(footsteps)
-    steps = [of_row(FootstepParameters(**row)) for row in rows]
+    steps = [of_row(FootstepParameters(**row)) for row in as_rows(footsteps)]
     found = steps[:1]
     for number, step in enumerate(steps[1:], start=1):
         last, new, foot = steps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
@@ -122,8 +121,8 @@ def eased(footsteps: Sequence[Row], share: float, width: float) -> list[dict[str
         aside = foot * width + share * (math.cos(before) * y - math.sin(before) * x - foot * width)
         x = new.position[0] + math.cos(after) * ahead - math.sin(after) * aside
         y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
-        found.append(Footstep(step.foot, (x, y, new.position[2] + share * z), heading))
-    return as_rows(found, [row.get("time") for row in rows])
+        found.append(step._replace(position=(x, y, new.position[2] + share * z), heading=heading))
+    return as_rows(found)
 
 
 def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
@@ -156,11 +155,11 @@ def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
 
 def of_row(row: FootstepParameters) -> Footstep:
     """The footstep of a row of a run."""
-    return Footstep(row.foot, (row.x, row.y, row.z), row.heading)
+    return Footstep(row.foot, (row.x, row.y, row.z), row.heading, row.time)
 
 
-def as_rows(footsteps: Sequence[Row], landings: Sequence[float | None] | None = None) -> list[dict[str, Any]]:
-    """Footsteps as ``[[footsteps]]`` of a run file; those of a run and such rows keep their times.
+def as_rows(footsteps: Sequence[Row]) -> list[dict[str, Any]]:
+    """Footsteps as ``[[footsteps]]`` of a run file.
 
     Raises InputError if one is not a footstep.
     """
@@ -172,8 +171,7 @@ def as_rows(footsteps: Sequence[Row], landings: Sequence[float | None] | None = 
         if not isinstance(row, Mapping):
             wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)."
             raise InputError(f"cannot read footstep {number}: {str(step)[:80]}; {wanted}")
-        time = None if landings is None or row is step else landings[number - 1]
-        rows.append({**row} | ({} if time is None else {"time": float(time)}))
+        rows.append({**row})
     return rows
 
 
