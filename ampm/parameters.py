@@ -192,13 +192,15 @@ class FootstepParameters(Section, section="footsteps"):
 
 
 def footstep_keys(row: Any) -> Any:
-    """Keys of an :class:`ampm.Footstep`; anything else as it is."""
-    try:
-        foot, (x, y, z), heading = row.foot, map(float, row.position), float(row.heading)
-        time = {} if row.time is None else {"time": row.time}
-    except (AttributeError, TypeError, ValueError):
+    """Keys of an :class:`ampm.Footstep`; rows as they are. Raises InputError of anything else."""
+    if isinstance(row, Mapping | FootstepParameters):
         return row
-    return {"foot": foot, "x": x, "y": y, "heading": heading} | ({"z": z} if z else {}) | time
+    try:
+        (x, y, z), heading = map(float, row.position), float(row.heading)
+        return {"foot": row.foot, "x": x, "y": y, "heading": heading, "z": z, "time": row.time}
+    except (AttributeError, TypeError, ValueError):
+        wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)"
+        raise InputError(f"cannot read the footstep {str(row)[:80]}; {wanted}.") from None
 
 
 OPTION_TABLES: Mapping[str, str] = {

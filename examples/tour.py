@@ -95,7 +95,7 @@ def plan_tour(request, places):
     width = request.run.gait.step_width + WIDER * request.run.gait.step_length
     for share in [SHORTER**attempt for attempt in range(TRIES)]:
         footsteps = visit(places, share * step, width, share * ASIDE * step, share * TURN)
-        run = request.run.replace({}, footsteps=routes.as_rows(footsteps)).as_is()
+        run = request.run.replace({}, footsteps=footsteps).as_is()
         try:
             return plan_walk(Request(request.name, run))
         except ampm.RefusedGait as refusal:

@@ -230,7 +230,7 @@ def walk_over(*settings, footsteps=()):
     return simulate(plan_walk(request))
 
 
-@pytest.mark.parametrize("footsteps", [(), routes.as_rows(routes.arc(5, 0.4, 1.0, 0.2))], ids=len)
+@pytest.mark.parametrize("footsteps", [(), routes.arc(5, 0.4, 1.0, 0.2)], ids=len)
 def test_an_undisturbed_walk_is_the_fixed_stabilisers_to_the_bit(footsteps):
     names = ("fixed", "stepping")
     walks = (walk_over(f"controller.stabilizer={n}", "gait.steps=4", footsteps=footsteps) for n in names)

@@ -70,7 +70,7 @@ def test_what_is_found_anew_is_told_by_the_keys_that_differ_most():
     change = next(change for change in CHANGES if change.layer == "gait")
     assert "(gait.a_s inf to 2.63" in case("gait.a_s=inf").text(change, flat)  # differs most
     assert "feet" not in tried(case("gait.planner=none", "foot.swing_height=0.08"))
-    walk = early.request.run.replace({}, footsteps=routes.as_rows(routes.straight(4, 0.4, 0.18)))
+    walk = early.request.run.replace({}, footsteps=routes.straight(4, 0.4, 0.18))
     assert "feet" not in tried(replace(early, request=replace(early.request, run=walk)))
 
 

@@ -40,7 +40,7 @@ class Changed:
         return FootstepPlanner().plan(run.replace({}, footsteps=self.rows), robot)
 
 
-ROWS = routes.as_rows(routes.straight(4, 0.3, 0.2))
+ROWS = RUN.replace({}, footsteps=routes.straight(4, 0.3, 0.2)).model_dump()["footsteps"]
 ROWS[3]["time"] = 2.2  # [s]
 
 
@@ -112,7 +112,7 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
 
 def after_a_stand(number, **change):
     """A plan of footsteps with a stand, one of them changed."""
-    rows = routes.as_rows(stop_and_go())
+    rows = RUN.replace({}, footsteps=stop_and_go()).model_dump()["footsteps"]
     rows[number] |= change
     return plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 
@@ -155,7 +155,7 @@ def test_a_walk_may_begin_in_any_heading(heading):
 
 
 def test_posture_follows_the_heading_of_the_feet():
-    footsteps = routes.as_rows(turned(WALKS["turn"], 0.7))
+    footsteps = turned(WALKS["turn"], 0.7)
     walk = plan_walk(load_request("normal", sections={"footsteps": footsteps})).plan
     posture, h = walk.posture, 1e-5
     assert isinstance(posture, ConstantPosture)

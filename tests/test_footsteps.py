@@ -11,7 +11,6 @@ from matplotlib.image import imread
 
 import ampm
 from ampm import BodilyRefusal, Footstep, plan_footsteps
-from ampm.parameters import FootstepParameters
 from ampm.planner import routes
 from tests.properties import assert_walk
 from tests.test_negative_controls import script
@@ -110,9 +109,9 @@ def test_eased_footsteps(name):
 
     def eased(share):
         run = GAITS["normal"].replace({}, footsteps=[step._replace(time=k) for k, step in enumerate(walk)])
-        rows = routes.eased(run.footsteps, share, width)
-        assert [row["time"] for row in rows] == list(range(len(walk)))
-        return [routes.of_row(FootstepParameters(**row)) for row in rows]
+        steps = routes.eased(run.footsteps, share, width)
+        assert [step.time for step in steps] == list(range(len(walk)))
+        return steps
 
     for one, other in zip(eased(1.0), walk, strict=True):
         np.testing.assert_allclose([*one.position, one.heading], [*other.position, other.heading], atol=1e-12)
@@ -124,7 +123,7 @@ def test_eased_footsteps(name):
 
 def test_feet_that_are_turned_less_are_a_way_out():
     """As for a body whose thighs meet in turns."""
-    run = GAITS["normal"].replace({}, footsteps=routes.as_rows(routes.turn(6, 0.6, 0.2)))
+    run = GAITS["normal"].replace({}, footsteps=routes.turn(6, 0.6, 0.2))
 
     def plan(run):
         frames = [round(step.heading / 0.12, 6) % 1.0 for step in run.footsteps]

@@ -136,7 +136,6 @@ def test_the_robot_walks_over_heights(height):
 
 
 STEEP = 0.0524
-FOOTSTEPS = routes.as_rows(routes.straight(4, 0.5, 0.18))
 
 
 def sloping(slope, preset="normal", *, across=0.0, steps=6, **sections):

@@ -44,8 +44,8 @@ def replanned(planner, plan, velocity):
 
 def over(**last):
     """Footsteps, the last of which has more than the others."""
-    *rows, end = routes.as_rows(routes.straight(4, 0.3, 0.2))
-    return [*rows, end | last]
+    *others, end = routes.straight(4, 0.3, 0.2)
+    return [*others, end._replace(**last)]
 
 
 def fallen(w, duration, position, velocity):

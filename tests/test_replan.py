@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ampm import BodilyRefusal, FootstepPlanner, InputError, PeriodicPlanner, TrackingController, load_run
-from ampm.planner.routes import as_rows, straight
+from ampm.planner.routes import straight
 from tests.records import same_bits
 from tests.solved import COARSE, planned_walk, simulate_plan, simulated, walk_of
 from tests.test_make_plan import Moved
@@ -164,14 +164,15 @@ def test_errors_on_the_way_end_the_walk(change, at, words):
 )
 def test_footsteps_of_the_run_bind_later_plans(rows, scale, words):
     """Fewer footsteps and others are refused; more are walked."""
-    longer = as_rows(straight(20, 0.3, 0.18))
+    longer = straight(20, 0.3, 0.18)
     given = longer[:5]
     run = load_run(None, ["simulation.time_step=0.002"], footsteps=given)
 
     def replan(time, plan):
         if time < 0.1:
             return None
-        others = [row | {"x": scale * row["x"]} for row in longer[:rows]]
+        moved = [(scale * step.position[0], *step.position[1:]) for step in longer]
+        others = [step._replace(position=at) for step, at in zip(longer[:rows], moved, strict=False)]
         return FootstepPlanner().plan(run.replace({}, footsteps=others), body.robot)
 
     planner, body = Replanning(replan, 0.1, FootstepPlanner), make_body(run)

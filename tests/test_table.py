@@ -156,7 +156,7 @@ def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
 def test_a_table_may_not_stand_long():
     """Rest would dilute the errors of its steps."""
     walk = plan_footstep_walk(
-        ampm.load_run("flat", footsteps=routes.as_rows(routes.straight(4, 0.3, 0.2))), body_of().description
+        ampm.load_run("flat", footsteps=routes.straight(4, 0.3, 0.2)), body_of().description
     )
     table = table_of(walk)
     still = {name: np.full(6000, column[-1]) for name, column in table.items()}

@@ -7,18 +7,15 @@ end the feet stand beside each other. It begins at the origin, facing +x.
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from ampm.exceptions import InputError, RefusedGait
 from ampm.files import check_columns, read_text, separator
-from ampm.parameters import FootstepParameters, RunParameters, footstep_keys
+from ampm.parameters import FootstepParameters, RunParameters
 from ampm.planner.contacts import Footstep, Side
 from ampm.section import parse_setting
 
-Row = Footstep | FootstepParameters | Mapping[str, Any]
-"""A footstep, also of a run or of :func:`read_footsteps`."""
 Frame = tuple[float, float, float]
 """Middle between two feet that stand beside each other, and their heading: (x, y) [m], [rad]."""
 _MOST_TRIED = 40  # footsteps of a walk that is tried with smaller ones: each takes 40 ms
@@ -100,15 +97,15 @@ def sidestep(steps: int, length: float, width: float) -> list[Footstep]:
     return route(frames, width, "left" if length > 0.0 else "right")
 
 
-def eased(footsteps: Sequence[Row], share: float, width: float) -> list[dict[str, Any]]:
-    """The same walk with smaller steps, at the same times, as rows of a run file.
+def eased(footsteps: Sequence[Footstep | FootstepParameters], share: float, width: float) -> list[Footstep]:
+    """The same walk with smaller steps, at the same times.
 
     Args:
-        footsteps: two on which the feet stand, then where each lands; see :func:`as_rows`.
+        footsteps: two on which the feet stand, then where each lands; those of a run are fine.
         share: of the lengths, turns and heights that is kept [1].
         width: towards which the lateral distance of the feet goes, as far as a step's length towards 0 [m].
     """
-    steps = [of_row(FootstepParameters(**row)) for row in as_rows(footsteps)]
+    steps = [step if isinstance(step, Footstep) else of_row(step) for step in footsteps]
     found = steps[:1]
     for number, step in enumerate(steps[1:], start=1):
         last, new, foot = steps[number - 1], found[-1], math.copysign(1.0, (step.foot == "left") - 0.5)
@@ -122,14 +119,14 @@ def eased(footsteps: Sequence[Row], share: float, width: float) -> list[dict[str
         x = new.position[0] + math.cos(after) * ahead - math.sin(after) * aside
         y = new.position[1] + math.sin(after) * ahead + math.cos(after) * aside
         found.append(step._replace(position=(x, y, new.position[2] + share * z), heading=heading))
-    return as_rows(found)
+    return found
 
 
 def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
     """Words on an easier walk than a refused one, which ``plan`` accepts; empty without one, or with many."""
-    footsteps, width = as_rows(run.footsteps), run.gait.step_width
+    footsteps, width = [*map(of_row, run.footsteps)], run.gait.step_width
 
-    def accepted(footsteps: Sequence[Row]) -> bool:
+    def accepted(footsteps: Sequence[Footstep]) -> bool:
         try:
             plan(run.replace({}, footsteps=footsteps))
         except (RefusedGait, InputError):
@@ -138,13 +135,13 @@ def easier(run: RunParameters, plan: Callable[[RunParameters], object]) -> str:
 
     if len(footsteps) > _MOST_TRIED:
         return ""
-    free = [{key: value for key, value in row.items() if key != "time"} for row in footsteps]
+    free = [step._replace(time=None) for step in footsteps]
     if free != footsteps and accepted(free):
         return "leave out their times"
-    stand = {row["foot"]: row.get("heading", 0.0) for row in footsteps[:2]}
+    stand = {step.foot: step.heading for step in footsteps[:2]}
     toe_out = 0.5 * math.remainder(stand["left"] - stand["right"], math.tau)
     turned = {"left": -toe_out, "right": toe_out}
-    ahead = [{**row, "heading": row.get("heading", 0.0) + turned[row["foot"]]} for row in footsteps]
+    ahead = [step._replace(heading=step.heading + turned[step.foot]) for step in footsteps]
     if toe_out and accepted(ahead):
         return f"turn the toes of either foot {'in' if toe_out > 0.0 else 'out'} by {abs(toe_out):.3g} rad"
     shares = (0.875, 0.75, 0.625, 0.5, 0.25)
@@ -158,25 +155,8 @@ def of_row(row: FootstepParameters) -> Footstep:
     return Footstep(row.foot, (row.x, row.y, row.z), row.heading, row.time)
 
 
-def as_rows(footsteps: Sequence[Row]) -> list[dict[str, Any]]:
-    """Footsteps as ``[[footsteps]]`` of a run file.
-
-    Raises InputError if one is not a footstep.
-    """
-    rows = []
-    for number, step in enumerate(footsteps, start=1):
-        if isinstance(step, FootstepParameters):
-            step = step.model_dump(exclude_unset=True)
-        row = footstep_keys(step)
-        if not isinstance(row, Mapping):
-            wanted = "give ampm.Footstep(foot, (x, y, 0.0), heading)."
-            raise InputError(f"cannot read footstep {number}: {str(step)[:80]}; {wanted}")
-        rows.append({**row})
-    return rows
-
-
-def read_footsteps(path: Path) -> list[dict[str, Any]]:
-    """``[[footsteps]]`` of a run from a CSV file whose columns are their keys; empty cells are left out.
+def read_footsteps(path: Path) -> list[Footstep]:
+    """Footsteps from a CSV file whose columns are the keys of ``[[footsteps]]``; cells may be empty.
 
     Commas, semicolons or tabs part the columns, the latter two with decimal commas, too. Raises
     :class:`InputError` if the file cannot be read, or a row is not a footstep.
@@ -195,7 +175,7 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
     if missing := [name for name in needed if names and name not in names]:
         known = f"it has {', '.join(names)}; footsteps need {', '.join(needed)}; --planner walks a plan"
         raise InputError(f"{path} has no column {missing[0]!r}; {known}.")
-    rows = []
+    footsteps = []
     for line, cells in found:
         if more := cells.pop(None, []):
             raise InputError(
@@ -205,10 +185,9 @@ def read_footsteps(path: Path) -> list[dict[str, Any]]:
         settings = [f"{name}={cell or ''}" for name, cell in cells.items() if cell or name in needed]
         try:
             row = dict(map(parse_setting, settings))
-            FootstepParameters(**row)
+            footsteps.append(of_row(FootstepParameters(**row)))
         except InputError as error:
             raise InputError(f"{path}, line {line}: {error}", **error.details) from None
-        rows.append(row)
-    if not rows:
+    if not footsteps:
         raise InputError(f"{path} holds no footsteps; a walk takes at least 3.")
-    return rows
+    return footsteps

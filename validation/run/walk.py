@@ -6,14 +6,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from ampm.body.orbit import solve_motion
 from ampm.compiled import compilation, folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
-from ampm.planner.routes import as_rows, read_footsteps
+from ampm.planner.routes import read_footsteps
 from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
@@ -66,13 +65,11 @@ def walk(
     if isinstance(planner, type):
         raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
     check_disturbances(disturbances)
-    sections: dict[str, Any] = {}
     if isinstance(footsteps, str | Path):
-        sections = {"footsteps": read_footsteps(Path(footsteps))}
-    elif footsteps is not None:
-        sections = {"footsteps": as_rows(footsteps)}
-        if not sections["footsteps"]:
-            raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 3.")
+        footsteps = read_footsteps(Path(footsteps))
+    sections = {} if footsteps is None else {"footsteps": [*footsteps]}
+    if sections == {"footsteps": []}:
+        raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 3.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
     names = {"gait.planner": planner, "controller.name": controller}
     chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
