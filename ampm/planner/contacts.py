@@ -260,12 +260,3 @@ def footprint(sole: SoleGeometry, step: Footstep) -> NDArray[np.float64]:
     half = np.array([sole.heel_half_width, sole.ball_half_width, sole.tip_half_width])
     outline = np.column_stack([np.r_[x, x[::-1], x[0]], np.r_[half, -half[::-1], half[0]]])
     return outline @ rotations(step.heading).T + np.asarray(step.position[:2])
-
-
-def check_landing(number: int, landing: float, lifted: float, least: float, usual: float) -> None:
-    """Refuse a landing of the footstep at an index that leaves too little of its usual time to swing [s]."""
-    if not landing - lifted >= least:
-        raise InputError(
-            f"footstep {number + 1} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s; "
-            f"give a time such as the gait's, {lifted + usual:.4g} s, {lifted + least:.4g} s at least."
-        )

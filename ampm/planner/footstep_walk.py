@@ -11,8 +11,8 @@ from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.blend import BlendLaw
 from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
-from ampm.planner.contacts import Contacts, check_landing
-from ampm.planner.footsteps import check_footsteps, plan_footsteps
+from ampm.planner.contacts import Contacts, Footstep
+from ampm.planner.footsteps import check_footsteps, plan_footsteps, swing_times
 from ampm.planner.periodic import plan_gait
 from ampm.planner.rest_to_rest import SETTLING
 from ampm.planner.routes import of_row
@@ -41,7 +41,7 @@ def plan_footstep_walk(run: RunParameters, body: BodyDescription) -> StepPlan:
     footsteps = [*map(of_row, run.footsteps)]
     check_footsteps(footsteps)
     walks = []
-    for first, last, begin in stands(run, [step.time for step in footsteps]):
+    for first, last, begin in stands(run, footsteps):
         part = [step._replace(time=step.time and step.time - begin) for step in footsteps[first:last]]
         walks.append((begin, plan_footsteps(part, run.gait, body, first=first + 1)))
     return with_feet(in_turn(walks), run, body)
@@ -54,12 +54,12 @@ def with_feet(plan: CentroidalPlan, run: RunParameters, body: BodyDescription) -
     return StepPlan.of(plan, feet=plan_feet(plan.contacts, run.foot, body.sole))
 
 
-def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[int, int, float]]:
+def stands(run: RunParameters, footsteps: Sequence[Footstep]) -> list[tuple[int, int, float]]:
     """Parts of a walk from standing to standing.
 
     Args:
         run: its gait gives the durations.
-        landings: time at which each footstep is reached [s], None where the gait says it.
+        footsteps: of the whole walk.
 
     Returns:
         First footstep of each part, the one after its last, and when it begins [s].
@@ -69,12 +69,10 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
     """
     constants = plan_gait(run.gait.model_copy(update={"steps": 1}), run.body.mass).constants
     single, double = constants.single_support_duration, constants.double_support_duration
-    if any(landings[:2]):
+    if any(step.time for step in footsteps[:2]):
         raise InputError("footsteps 1 and 2 have a time, but the feet stand there from 0 s; leave it empty.")
-    parts, first, begin, lifted = [], 0, 0.0, SETTLING
-    for number, wanted in enumerate(landings[2:], start=2):
-        landing = lifted + single if wanted is None else wanted
-        check_landing(number, landing, lifted, double, single)
+    parts, first, begin = [], 0, 0.0
+    for number, (lifted, landing) in enumerate(swing_times(footsteps, constants), start=2):
         spare = landing - lifted - single
         if number == 2 and spare >= SETTLING:
             begin = spare
@@ -86,8 +84,7 @@ def stands(run: RunParameters, landings: Sequence[float | None]) -> list[tuple[i
                 f"footstep {number + 1} is reached at {landing:g} s, {landing - lifted:.4g} s after the step "
                 f"before it; a walk stands for at most {LONGEST_STAND:g} s. Give times in seconds."
             )
-        lifted = landing + double
-    return [*parts, (first, len(landings), begin)]
+    return [*parts, (first, len(footsteps), begin)]
 
 
 def stops(contacts: Contacts) -> list[tuple[float, float]]:

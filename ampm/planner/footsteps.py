@@ -7,7 +7,7 @@ one (:mod:`ampm.planner.blend`). One banded linear solve joins them (:mod:`ampm.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -17,8 +17,8 @@ from ampm.exceptions import BodilyRefusal, InputError
 from ampm.geometry import Array, hull_distance, rotations
 from ampm.parameters import GRAVITY, GaitParameters
 from ampm.planner.blend import BlendLaw
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law
-from ampm.planner.contacts import Contacts, Footstep, check_landing, footprint, mean_heading
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, Law, PlanConstants
+from ampm.planner.contacts import Contacts, Footstep, footprint, mean_heading
 from ampm.planner.heights import uneven, vertical_laws
 from ampm.planner.pendulum import AffineLaw, double_support_root, solution
 from ampm.planner.periodic import plan_gait
@@ -61,7 +61,10 @@ def plan_footsteps(
     """
     check_footsteps(footsteps)
     nominal = plan_gait(gait.model_copy(update={"steps": 1}), body.mass)
-    contacts = contacts_over(footsteps, nominal)
+    swings = swing_times(footsteps, nominal.constants)
+    switches = np.array([0.0, *chain(*swings), swings[-1][1] + SETTLING])
+    placed = tuple(step._replace(time=None) for step in footsteps)  # the switches have the times
+    contacts = Contacts(placed, switches, nominal.contacts.slope)
     solved = solve_within_limits(problem_of(footsteps, contacts, gait, body.mass * GRAVITY), body.sole)
     phases = _phases(contacts.starts.tolist(), solved)
     if uneven(footsteps):
@@ -97,24 +100,27 @@ def check_footsteps(footsteps: Sequence[Footstep]) -> None:
                 f"footsteps {number - 1} and {number} are of the {here.foot} foot; alternate left and right."
             )
     for number, step in enumerate(footsteps, start=1):
-        if not all(map(math.isfinite, (*step.position, step.heading))):
+        if not all(map(math.isfinite, (*step.position, step.heading, step.time or 0.0))):
             raise InputError(f"footstep {number} has a value that is not a finite number; correct it.")
 
 
-def contacts_over(footsteps: Sequence[Footstep], nominal: CentroidalPlan) -> Contacts:
-    """Phases of the walk: single supports as long as the gait's, or until the footsteps' times."""
-    single, double = nominal.constants.single_support_duration, nominal.constants.double_support_duration
-    switches, lifted = [0.0], SETTLING
-    for number, step in enumerate(footsteps[2:], start=2):
-        landing = lifted + single if step.time is None else float(step.time)
-        if not math.isfinite(landing):
-            raise InputError(f"footstep {number + 1} is reached at {landing} s; give a finite time, or None.")
-        check_landing(number, landing, lifted, double, single)
-        switches += [lifted, landing]
+def swing_times(footsteps: Sequence[Footstep], gait: PlanConstants) -> list[tuple[float, float]]:
+    """Lift-off and landing of every swing [s]: by the gait's durations, or at the footstep's time.
+
+    Raises InputError if a time leaves a swing less than the gait's double support.
+    """
+    single, double = gait.single_support_duration, gait.double_support_duration
+    swings, lifted = [], SETTLING
+    for number, step in enumerate(footsteps[2:], start=3):
+        landing = lifted + single if step.time is None else step.time
+        if not landing - lifted >= double:
+            raise InputError(
+                f"footstep {number} is reached at {landing:g} s, but its swing begins at {lifted:.4g} s; "
+                f"give a time such as the gait's, {lifted + single:.4g} s, {lifted + double:.4g} s at least."
+            )
+        swings.append((lifted, landing))
         lifted = landing + double
-    switches.append(switches[-1] + SETTLING)
-    placed = tuple(step._replace(time=None) for step in footsteps)  # the switches have the times
-    return Contacts(placed, np.array(switches), nominal.contacts.slope)
+    return swings
 
 
 def problem_of(
