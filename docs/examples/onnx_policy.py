@@ -66,4 +66,4 @@ def main(path: str, stiffness: float = 5.0, damping: float = 0.2) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(sys.argv[1])
