@@ -171,8 +171,7 @@ def test_footsteps_of_the_run_bind_later_plans(rows, scale, words):
     def replan(time, plan):
         if time < 0.1:
             return None
-        moved = [(scale * step.position[0], *step.position[1:]) for step in longer]
-        others = [step._replace(position=at) for step, at in zip(longer[:rows], moved, strict=False)]
+        others = [s._replace(position=(scale * s.position[0], *s.position[1:])) for s in longer[:rows]]
         return FootstepPlanner().plan(run.replace({}, footsteps=others), body.robot)
 
     planner, body = Replanning(replan, 0.1, FootstepPlanner), make_body(run)

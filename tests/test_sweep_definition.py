@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import tomli_w
 
-from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.run_file import leaves_open, load_run
 from tests.sweep_table import parse_sweep
@@ -213,5 +212,3 @@ def test_a_robot_has_the_values_that_suit_its_sensors():
     assert found == [own_gait(load_run(None, body=body, sensors={"delay": late})) for late in (0.0, 0.002)]
     assert found[0].controller.stance_yield != found[1].controller.stance_yield
     assert sweep.values_of(2)["controller.stance_yield"] == 0.6  # its delay is a part of a step of physics
-    with pytest.raises(InputError, match="not that of the body"):
-        parse_sweep(f"{fixed}{LIST}body.mass = [40.0]\n").parameters(0)
