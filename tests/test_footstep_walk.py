@@ -112,7 +112,7 @@ def test_a_landing_that_leaves_the_time_is_waited_for_on_both_feet():
 
 def after_a_stand(number, **change):
     """A plan of footsteps with a stand, one of them changed."""
-    rows = RUN.replace({}, footsteps=stop_and_go()).model_dump()["footsteps"]
+    rows = [*RUN.replace({}, footsteps=stop_and_go()).model_dump()["footsteps"]]
     rows[number] |= change
     return plan_footstep_walk(RUN.replace({}, footsteps=rows), BODY)
 
