@@ -205,8 +205,8 @@ def _check_numbers(model: mujoco.MjModel) -> None:
                 thing = getattr(model, what)(int(model.dof_jntid[row]) if name.startswith("dof") else row)
                 quantity = name.partition("_")[2]
                 value = ", ".join(f"{number:g}" for number in np.ravel(getattr(thing, quantity)))
-                told = f"{quantity} of the {what} {thing.name!r} is {value}"
-                raise ValueError(f"{told} and must be a number of {least:g} to {_LARGEST:g} in SI units")
+                fault = f"{quantity} of the {what} {thing.name!r} is {value}"
+                raise ValueError(f"{fault} and must be a number of {least:g} to {_LARGEST:g} in SI units")
 
 
 def _readable_urdf(tree: ET.Element) -> dict[str, float]:
@@ -226,8 +226,8 @@ def _readable_urdf(tree: ET.Element) -> dict[str, float]:
     for link in tree.findall("link"):
         for mass in link.iterfind("inertial/mass"):
             if not float(mass.get("value", 0.0)) >= 0.0:
-                told = f"mass of the link {link.get('name')!r} is {mass.get('value')} kg"
-                raise ValueError(f"{told} and must be 0 or more")
+                fault = f"mass of the link {link.get('name')!r} is {mass.get('value')} kg"
+                raise ValueError(f"{fault} and must be 0 or more")
     speeds = {}
     for joint in tree.findall("joint"):
         for limit in joint.findall("limit"):

@@ -58,14 +58,14 @@ class Limit:
         """A value with its unit; -0 is 0."""
         return f"{value + 0.0:.{digits}g}" + ("" if self.unit == "1" else f" {self.unit}")
 
-    def told(self, value: float) -> tuple[str, str]:
+    def in_words(self, value: float) -> tuple[str, str]:
         """A broken value and the rule in words, with as many digits as tell them apart."""
         digits = next(d for d in range(4, 18) if d == 17 or f"{value:.{d}g}" != f"{self.bound:.{d}g}")
         return self.quantity(value, digits), self.rule(digits)
 
     def refusal(self, value: float, also: str = "") -> BodilyRefusal:
         """The error; ``also`` is appended to the way out."""
-        reached, rule = self.told(value)
+        reached, rule = self.in_words(value)
         return BodilyRefusal(
             f"{self.what} is {reached} and must be {rule}",
             reason=self.reason,

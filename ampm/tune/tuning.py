@@ -270,7 +270,7 @@ def broken_limit(name: str, values: Mapping[str, float], tried: int, cause: str 
         cause: clause on what breaks it.
     """
     limit, value = LIMITS[name], values[name]
-    reached, rule = limit.told(value)
+    reached, rule = limit.in_words(value)
     return NoFeasibleChoice(
         f"{_none(tried)}: {limit.what} is {reached} at best and must be {rule}{cause}",
         tried=tried,

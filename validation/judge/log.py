@@ -68,22 +68,22 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
         lambda off: difference(best + off), bounds=(-_GRID, _GRID), method="bounded", options={"xatol": 1e-6}
     )
     start = float(best + finest.x)
-    rows, told = np.flatnonzero(within(start)), ""
+    rows, why = np.flatnonzero(within(start)), ""
     one, other = (_centred(values / spread) for values in (measured[rows], planned(log.time[rows] - start)))
     product = float(np.sum(one**2) * np.sum(other**2))
     correlation = float(np.sum(one * other)) / math.sqrt(product or math.inf)
     if not correlation > _LEAST:
-        told = f"matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and must be "
-        told += f"more than {_LEAST:g}; give x forward and y left, another plan"
+        why = f"matches the plan nowhere: the correlation of force and ZMP is {correlation:.2f} and must be "
+        why += f"more than {_LEAST:g}; give x forward and y left, another plan"
     least = _RESTS * math.sqrt(2.0 * np.mean(wanted[:, :2] ** 2))
     walks = np.concatenate([rows[:1], rows[np.hypot(*measured[rows, :2].T) > least], rows[-1:]])
     lasts = np.diff((log.time - log.lost.cumsum())[walks])
     if (lasts > _STANDS * np.diff(plan.contacts.step_ends, prepend=0.0, append=plan.duration).max()).any():
         begin, end = log.time[walks[lasts.argmax() :][:2]]
-        told = f"stands, or walks slower than the plan, from {begin:.2f} to {end:.2f} s: the force along the "
-        told += f"floor is less than {least:.1%} of the weight; give one walk, a plan as short (gait.steps)"
-    if told:
-        raise InputError(f"{log.name} {told}, or its start (--start)." + f" {log.unsupported}".rstrip())
+        why = f"stands, or walks slower than the plan, from {begin:.2f} to {end:.2f} s: the force along the "
+        why += f"floor is less than {least:.1%} of the weight; give one walk, a plan as short (gait.steps)"
+    if why:
+        raise InputError(f"{log.name} {why}, or its start (--start)." + f" {log.unsupported}".rstrip())
     return start, correlation
 
 

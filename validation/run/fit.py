@@ -65,7 +65,7 @@ class Fit(Tabled):
             [name, with_uncertainty(item.value, item.interval), item.unit, item.meaning]
             for name, item in self.constants.items()
         ]
-        told = []
+        shares = []
         for name, models in self.scores.items():
             signal = SIGNALS[name]
             factor, unit = display_unit(signal.unit, self.strides.weight)
@@ -75,13 +75,13 @@ class Fit(Tabled):
                     share, rmse = models[model][support].values()
                     percent = format_number(round(100.0 * share, 1) + 0.0)
                     cells += ["< 0" if share < -0.0005 else percent, format_number(factor * rmse, 3)]
-                told.append([signal.label, support, *cells, short_unit(unit)])
+                shares.append([signal.label, support, *cells, short_unit(unit)])
         heads = [head for name in ("resting ZMP", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
         note = "%: share of the variance; a dash: the signal rests. The vertical force is the weight in all."
         columns = ["constant", f">value, {100.0 * CONFIDENCE:.0f} % interval", "unit", "meaning"]
         return [
             Table("Constants", columns, rows, self.notes),
-            Table("Explained, of strides not fitted", ["signal", "of", *heads, "unit"], told, [note]),
+            Table("Explained, of strides not fitted", ["signal", "of", *heads, "unit"], shares, [note]),
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -167,8 +167,8 @@ def fit_log(
         else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",
     ]
     gait, why = _gait(found, weighs)
-    told = [note for note in (*notes, log.unsupported, *why) if note]
-    return Fit(name, strides, found, scores(strides), gait, told)
+    notes = [note for note in (*notes, log.unsupported, *why) if note]
+    return Fit(name, strides, found, scores(strides), gait, notes)
 
 
 def _gait(found: Mapping[str, Constant], mass: float) -> tuple[RunParameters | None, list[str]]:

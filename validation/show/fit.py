@@ -19,7 +19,7 @@ _FROM = {"zmp": ", from the COM", "angular_momentum": ", less its mean"}
 
 def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]) -> str:
     """A complete HTML document on a log: what was found in a sentence, pictures, and tables below them."""
-    told = explained(strides)
+    fits = explained(strides)
     return render_page(
         "curves.html.j2",
         f"AMPM fitted to {name}",
@@ -29,12 +29,12 @@ def fit_page(name: str, sentence: str, strides: Strides, tables: Sequence[Table]
         "95 % of the strides; grey: double support; dashed: no angular momentum",
         runs=[],
         citations=[],
-        pictures=numbered(draw_fit(strides, told, column) for column in range(len(EXPLAINED))),
+        pictures=numbered(draw_fit(strides, fits, column) for column in range(len(EXPLAINED))),
         tables=tables,
     )
 
 
-def draw_fit(strides: Strides, told: dict[str, Array], column: int) -> Picture:
+def draw_fit(strides: Strides, fits: dict[str, Array], column: int) -> Picture:
     """One signal over the mean stride, measured and by all models."""
     signal = SIGNALS[EXPLAINED[column]]
     scale, unit = display_unit(signal.unit, strides.weight)
@@ -54,7 +54,7 @@ def draw_fit(strides: Strides, told: dict[str, Array], column: int) -> Picture:
     chart.band(time, low, high, MEASURED, opacity=0.25)
     chart.line(time, measured.mean(axis=0), MEASURED, 2.2)
     for model, (_, color) in LOOKS.items():
-        chart.line(time, drawn(told[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
+        chart.line(time, drawn(fits[model]).mean(axis=0), color, 1.2, dash="" if model == "ampm" else DASHED)
     for begin in (1, 3):  # of the double supports
         chart.shade(ends[begin], ends[begin + 1], SHADE)
     return Picture(charts, title)

@@ -42,7 +42,7 @@ def write_report(run: str | Path | SavedRun) -> Path:
 def render(saved: SavedRun) -> str:
     """Render the report of a run: a complete HTML document without references to anything outside it."""
     summary, plan, outcome = saved.summary, saved.plan(), saved.record.outcome
-    verdict, told = summary["verdict"], summary.get("disturbances", ())
+    verdict, disturbances = summary["verdict"], summary.get("disturbances", ())
     lost = outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED)
     headline = "out of tolerance" if verdict == "fail" else verdict.replace("_", " ")
     headline = headline if outcome.completed else f"{outcome.name}, {headline}"
@@ -57,8 +57,8 @@ def render(saved: SavedRun) -> str:
         headline=headline,
         reason=short_unit(summary["reason"]),
         outcome_sentence="" if saved.is_log else SENTENCES[outcome.name],
-        disturbed="; ".join(text for text in told if not text.startswith("sensors.")),
-        sensed="; ".join(text for text in told if text.startswith("sensors.")),
+        disturbed="; ".join(text for text in disturbances if not text.startswith("sensors.")),
+        sensed="; ".join(text for text in disturbances if text.startswith("sensors.")),
         has_strides=bool(strides(saved.signals)),
         facts=_facts(saved, plan),
         explanation=_explanation(saved.directory / RunFile.EXPLANATION),

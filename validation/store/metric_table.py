@@ -24,8 +24,8 @@ def summary_title(summary: Mapping[str, Any]) -> str:
 def walk_title(summary: Mapping[str, Any]) -> str:
     """Title of a walk: that of its summary, then pushes and other disturbances that its keys do not name."""
     named = ("sensors.", *summary.get("changed", {}))
-    told = [text for text in summary.get("disturbances", ()) if not text.startswith(named)]
-    return ", ".join([summary_title(summary), *told])
+    disturbances = [text for text in summary.get("disturbances", ()) if not text.startswith(named)]
+    return ", ".join([summary_title(summary), *disturbances])
 
 
 def walk_sentence(summary: Mapping[str, Any], outcome: Outcome) -> str:
