@@ -93,7 +93,7 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findi
     """
     hinges = [hinge for segment in segments for hinge in segment.joints]
     near = _ALIKE * float(np.ptp([segment.place[2] for segment in segments]))
-    apart = _find_images(hinges, _limb_middles(segments), near, locked)
+    apart = _find_images(segments, near, locked)
     unlike = _mean_hinges(hinges)
     place, com, mass = _mean_segments(segments)
     total = sum(segment.inertial.mass for segment in segments)
@@ -111,12 +111,13 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findi
     return Findings(max(place, apart), com, mass, bare, unlike)
 
 
-def _find_images(hinges: Sequence[Hinge], middles: Array, near: float, locked: Sequence[str]) -> float:
+def _find_images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> float:
     """Find image and side of each hinge; the largest distance of a hinge from its image's image [m].
 
-    Two hinges at one place, such as clavicles, are told apart by the middles of what hangs on them, shape
-    (n, 3) [m]. Raises InputError if a hinge has no image within ``near`` [m].
+    Two hinges at one place, such as clavicles, are told apart by the middles of what hangs on them. Raises
+    InputError if a hinge has no image within ``near`` [m].
     """
+    hinges, middles = [hinge for segment in segments for hinge in segment.joints], _limb_middles(segments)
     axes = np.array([hinge.axis for hinge in hinges])
     gaps = _gaps(np.array([hinge.place for hinge in hinges]))
     gaps[np.abs(axes @ (_MIRROR * axes).T) < math.cos(_UNLIKE)] = np.inf
@@ -125,10 +126,14 @@ def _find_images(hinges: Sequence[Hinge], middles: Array, near: float, locked: S
     lonely = (least > near) | (images[images] != np.arange(len(hinges)))
     if lonely.any():
         names = [hinges[k].name for k in np.flatnonzero(lonely).tolist()]
+        way_out = f"or write lock = {[*locked, *names]} in [body] of its description, if they are of no leg"
+        weights = [segment.inertial.mass for segment in segments]
+        moment = np.dot(weights, [segment.place[1] + segment.inertial.com[1] for segment in segments])
+        if (aside := abs(float(moment)) / (sum(weights) or 1.0)) > 0.5 * near:
+            way_out = f"as lock leaves its COM {aside:.3g} m from the middle, {0.5 * near:.3g} m at most"
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
-            f"symmetric body that stands upright: correct it, or write lock = {[*locked, *names]} in [body] "
-            "of its description, if they are of no leg."
+            f"symmetric body that stands upright: correct it, {way_out}."
         )
     for hinge, image, beyond in zip(hinges, images.tolist(), middles[:, 1] - middles[images, 1], strict=True):
         hinge.image, hinge.side = hinges[image], int(np.sign(beyond))
