@@ -92,7 +92,7 @@ class Writer:
         left, right = (foot.chain for foot in feet)
         shared = [joint for joint in left if joint in right]
         self.legs: list[_Leg] = []
-        for foot, other, name, side in zip(feet, (right, left), file.knee, scene.SIDES, strict=True):
+        for foot, name, side in zip(feet, file.knee, scene.SIDES, strict=True):
             knee = tree.joint(name, "knee")
             joints = [joint for joint in foot.chain if joint not in shared]
             pitches = joints[-2:-1] == [knee] and abs(joints[-1].axis[1]) > _SIDEWAYS
@@ -110,12 +110,9 @@ class Writer:
                     key="body.foot",
                 )
             if knee not in joints[1:-1]:
-                where = f"is a joint of the other leg than the {side} foot {foot.name!r}"
-                if knee not in other or knee in shared:
-                    names = ", ".join(_names(joints))
-                    where = f"is not amid the joints from root to the {side} foot ({names})"
                 raise InputError(
-                    f"the knee {name!r} {where}; correct knee or foot in the body's description.",
+                    f"the knee {name!r} is not amid the joints from root to the {side} foot "
+                    f"({', '.join(_names(joints))}); correct knee or foot in the body's description.",
                     key="body.knee",
                 )
             at = joints.index(knee)
@@ -186,11 +183,7 @@ class Writer:
             ankle_height=float(under[2]) - outline.bottom,
         )
         longest, length = max(sole.length, 2.0 * sole.half_width, sole.ankle_height), float(hip[2] - ankle[2])
-        if not outline.heel < outline.front:
-            wrong = (
-                f"sole.heel = {outline.heel:g} must be behind sole.front = {outline.front:g}; x is forward."
-            )
-        elif not sole.ankle_height > 0.0:
+        if not sole.ankle_height > 0.0:
             wrong = (
                 f"sole.bottom = {outline.bottom:g} is {abs(sole.ankle_height):g} m over the ankle; measure "
                 "it from the foot's origin, z upwards."
@@ -201,7 +194,7 @@ class Writer:
             wrong = (
                 f"the ankle, at x = {under[0]:.4g} m, and sole.reference = {outline.reference:g} must be "
                 f"strictly between sole.heel = {outline.heel:g} and sole.front = {outline.front:g}; "
-                "mend sole or foot."
+                "mend sole or foot, x is forward."
             )
         elif longest > length:
             wrong = (
@@ -323,10 +316,10 @@ class Writer:
             moments = np.linalg.eigvalsh(segment.inertial.inertia)
             if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
                 wrong.append(segment.name)
-        empty = [hinge.name for hinge in hinges if not hinge.low < hinge.high]
+        widest = dict.fromkeys(of_legs, _LARGEST_RANGE)
+        astray = [h.name for h in hinges if not 0.0 < h.high - h.low <= widest.get(h, math.inf)]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]
         still = [hinge.name for hinge in hinges if not hinge.speed > 0.0]
-        loose = [joint.name for joint in of_legs if not joint.high - joint.low <= _LARGEST_RANGE]
         of_pairs = ", by name of the left one of a pair"
         for names, what, way_out in (
             (below, "joints below a foot", "weld them with lock"),
@@ -336,11 +329,10 @@ class Writer:
             (wrong, "segments with moments of inertia of 0 or too large", "give radii with [body.gyration]"),
             (weak, "joints without a torque limit above 0", f"give it with [body.effort]{of_pairs}"),
             (still, "joints with a speed limit of 0", f"give it with [body.speed]{of_pairs}"),
-            (empty, "joints whose range is empty", f"give it with [body.range], least angle first{of_pairs}"),
             (
-                loose,
-                "joints of a leg without a range, or over two turns",
-                f"give it in rad with [body.range]{of_pairs}",
+                astray,
+                "joints whose range is empty or, in a leg, over two turns",
+                f"give it in rad with [body.range], least angle first{of_pairs}",
             ),
         ):
             if names:

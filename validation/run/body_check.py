@@ -11,7 +11,7 @@ from ampm.body.feasibility import joint_groups
 from ampm.body.robot import Robot
 from ampm.exceptions import BodilyRefusal, RefusedGait
 from ampm.files import quoted
-from ampm.parameters import GRAVITY, NO_PLAN, BodyParameters, RunParameters
+from ampm.parameters import NO_PLAN, BodyParameters, RunParameters
 from ampm.planners import StandingPlanner
 from ampm.tune.gait_limits import step_torques
 from ampm.tune.tuning import NoFeasibleChoice
@@ -28,7 +28,6 @@ _SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the so
 _FEET = "lowest point of the feet over their soles"
 _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
-_TWICE_AROUND = 4.0 * np.pi  # range of a joint beyond which it is in degrees [rad]
 _OFF = 0.1  # most distance of the feet's lowest point from the soles, over the soles' length [1]
 _RUBBING = 0.05  # dry friction over a torque limit beyond which walks were seen to fail [1]
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
@@ -103,9 +102,6 @@ def _standing_refusal(walk: PlannedWalk) -> str:
 def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str, tuple[float, str]]:
     """Quantities of the model, with their units."""
     d, sole = robot.description, robot.description.sole
-    limits, weight = dict(d.torque_limits), d.mass * GRAVITY
-    ankle, hip = (max(limits[name] for name in part) for part in (d.left_leg.ankle, d.left_leg.hip))
-    hip_share = hip / (weight * d.hip_half_width)
     q = pin.neutral(robot.model)
     q[robot.knee_joints + 1] = robot.knee_angles(_BENT)
     leg = robot.jacobian(q).jacobian[6:12, robot.leg_joints[0][:6]]  # of the left sole [m/rad and 1]
@@ -119,8 +115,6 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         _FEET: (_feet_over_soles(model, robot, findings), "m"),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
         _LEG: (float(np.linalg.svd(leg, compute_uv=False)[-1]), "1"),
-        "ZMP from the ankle, as far as its torque reaches": (ankle / weight, "m"),
-        "hip torque over weight times half the distance of the hips": (hip_share, "1"),
         "asymmetry of the source: places": (findings.place, "m"),
         "asymmetry of the source: COM": (findings.com, "m"),
         "asymmetry of the source: masses": (findings.mass, "kg"),
@@ -151,17 +145,12 @@ def _feet_over_soles(model: mujoco.MjModel, robot: Robot, findings: Findings) ->
 def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, str]]) -> list[str]:
     """What is worth knowing of the model."""
     d, off = robot.description, facts[_FEET][0]
-    ends = list(zip(robot.joint_names, robot.lower, robot.upper, strict=True))
-    endless = ", ".join(name for name, low, high in ends if not np.isfinite(high - low))
-    wide = ", ".join(name for name, low, high in ends if _TWICE_AROUND < high - low < np.inf)
     limits = {name: limit for name, limit in d.torque_limits if name in d.left_leg.joints}
     friction = max((p.friction / limits[p.joint] for p in d.passive if p.joint in limits), default=0.0)
     known = {
         f"The feet end {abs(off):.3g} m {'over' if off > 0.0 else 'under'} their soles: correct sole in the "
         "description, with pitch where a sole is not level with all joints at 0, or the angles of the model "
         "if the body then does not stand upright.": abs(off) > _OFF * d.sole.length,
-        f"Joints without a range: {endless}.": endless,
-        f"Joints that turn more than twice around: {wide}. Ranges are in radians.": wide,
         f"Joints of neither leg, trunk nor arm, which rest: {', '.join(d.head)}.": d.head,
         "A leg hardly moves its sole in some direction: it cannot be held flat.": facts[_LEG][0] < _SINGULAR,
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
