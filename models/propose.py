@@ -2,6 +2,7 @@
 
 import math
 import os
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +20,16 @@ from models.tree import at_zero, coupled_joints, joints_above, motor_limits, upr
 _LATERAL = 0.8  # least share of a hinge's axis along left and right, to bend hip, knee or ankle [1]
 _LEVEL = 0.05  # largest angle between parts of one sole, or from the level [rad]
 _NO_SOLE = """
-# The left foot has no flat shape, or its meshes are not found from the model's folder.
+# The left foot has no flat shape that is level along y, or its meshes are not found from the model's folder.
 # Fill in [body.sole]: heel, front, bottom, heel_half_width, front_half_width [m].
 """
 _LOCKED = """
-# lock has joints of no leg that are coupled, no hinges, or lack mass or a torque limit.
+# lock has toes, and joints of no leg that are coupled, no hinges, or lack mass or a torque limit.
 # To move one that lacks only the limit, give it in [body.effort] and leave it out of lock.
 """
 _BACKWARD = "# As its knees bend, it walks along -x of its model; left and right are seen that way.\n"
 _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad]
-_BESIDE, _SPREAD = 0.05, 0.4  # from the middle to a shoulder [m], and of an arm at rest [rad]
+_BESIDE, _SPREAD = 0.07, 0.4  # from the middle to a shoulder over the leg [1], and of an arm at rest [rad]
 _HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
 _NARROW = 0.05  # least half width of a sole over its length [1]
 _INSETS = np.linspace(0.0, 0.25, 11)  # of heel and front from the ends of the outline, over its length [1]
@@ -65,14 +66,18 @@ class _Proposal:
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, at_zero(model)
         self.chains = joints_above(model)
-        ends = self._ends()
-        self.root = int(model.body_rootid[ends[0]])
-        self.axes = upright_axes(self.data, ends)
-        shared = set(self.chains[ends[0]]) & set(self.chains[ends[1]])
+        self.feet = self._ends()
+        self.root = int(model.body_rootid[self.feet[0]])
+        self.axes = upright_axes(self.data, self.feet)
         left = self.data.xaxis @ self.axes[1]
-        legs = [[joint for joint in self.chains[end] if joint not in shared] for end in ends]
-        bends = [[joint for joint in leg if abs(left[joint]) > _LATERAL] for leg in legs]
-        count, names = len(legs[0]), " and ".join(model.body(end).name for end in ends)
+        chains = [self.chains[end] for end in self.feet]
+        legs = [[j for j in chain if j not in other] for chain, other in (chains, chains[::-1])]
+        bends = [[joint for joint in leg[:LEG_JOINTS] if abs(left[joint]) > _LATERAL] for leg in legs]
+        toes = [joint for leg in legs for joint in leg[LEG_JOINTS:]]
+        # Behind the bends of hip, knee and ankle, what bends within a range are toes.
+        if min(map(len, bends)) > 2 and all(abs(left[toes]) > _LATERAL) and all(model.jnt_limited[toes]):
+            self.feet = [int(model.jnt_bodyid[leg[:LEG_JOINTS][-1]]) for leg in legs]
+        count, names = len(legs[0]), " and ".join(model.body(end).name for end in self.feet)
         if count < LEG_JOINTS - 1 or min(map(len, bends)) < 2:
             flat = f"a sole flat: that takes {LEG_JOINTS}, or {LEG_JOINTS - 1} without a roll of the ankle"
             lack = f"{count} joints, which cannot hold {flat}" if count < LEG_JOINTS - 1 else "no knee"
@@ -80,7 +85,7 @@ class _Proposal:
                 f"the model has no legs to walk on: what ends at {names} has {lack}; take another."
             )
         self.knees = [joints[1] for joints in bends]
-        self.feet = ends
+        self.beside = _BESIDE * math.dist(self.data.xanchor[legs[0][0]], self.data.xpos[self.feet[0]])
         self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
         # A knee bends about the axis to the left by more than it can be stretched.
         if left[self.knees[0]] * model.jnt_range[self.knees[0]].sum() < 0.0:
@@ -89,19 +94,26 @@ class _Proposal:
             self.axes[:2] *= -1.0
 
     def _ends(self) -> list[int]:
-        """The ends of two chains of as many joints whose middle is farthest from their root."""
-        model, chains, place = self.model, self.chains, self.data.xpos
+        """The two ends of as many joints that are farthest below all else, with z or y up."""
+        model, data, chains = self.model, self.data, [set(chain) for chain in self.chains]
         moving = [body for body in range(1, model.nbody) if model.body_jntnum[body] and chains[body]]
-        ends = [b for b in moving if not any(set(chains[b]) < set(chains[other]) for other in moving)]
-        pairs = [
-            (float(np.linalg.norm(place[[one, two]].mean(axis=0) - place[model.body_rootid[one]])), two, one)
-            for i, one in enumerate(ends)
-            for two in ends[:i]
-            if len(chains[one]) == len(chains[two]) and not set(chains[one][-3:]) & set(chains[two][-3:])
-        ]
-        if not pairs:
-            raise InputError("the model has no two chains of as many joints, and so no legs; take another.")
-        return list(max(pairs)[1:])
+        ends = [b for b in moving if not any(chains[b] < chains[other] for other in moving)]
+        depth, found = 0.0, list[int]()
+        for one, two in combinations(ends, 2):
+            own, limbs = model.body_rootid == model.body_rootid[one], chains[one] ^ chains[two]
+            heavy = np.flatnonzero(own & (model.body_mass > MASSLESS)).tolist()
+            rest = [body for body in heavy if limbs.isdisjoint(chains[body])]
+            _, left, up = upright_axes(data, [one, two])
+            alike = len(chains[one]) == len(chains[two]) and own[two] and left.any() and max(up[1:]) > 0.0
+            below = min(data.xipos[rest] @ up, default=0.0) - float((data.xpos[[one, two]] @ up).mean())
+            if alike and below > depth:
+                depth, found = below, [one, two]
+        if not found:
+            raise InputError(
+                "the model has no legs to walk on: no two chains of as many joints hang on one segment that "
+                "is not the world and end below all else, with z or y up and all joints at 0; take another."
+            )
+        return found
 
     def keys(self) -> dict[str, Any]:
         """Keys of the description, without its source."""
@@ -128,12 +140,12 @@ class _Proposal:
             if not mass.size or not mass.max() > max(0.5 * mass.sum(), _HEAD * model.body_mass[here]):
                 return found
             here = int(below[mass.argmax()])
-            if side[here] > _BESIDE:
+            if side[here] > self.beside:
                 return found
             found = here if model.body_jntnum[here] else found
 
     def _locked(self) -> list[int]:
-        """Joints of no leg that are coupled, no hinges, or without motor or mass."""
+        """Toes, and joints of no leg that are coupled, no hinges, or without motor or mass."""
         model, coupled, limits = self.model, coupled_joints(self.model), motor_limits(self.model)
         others = np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_FREE).tolist()
         return [
@@ -142,6 +154,7 @@ class _Proposal:
             if joint not in self.legs
             and (
                 model.joint(joint).name in coupled
+                or any({*self.chains[foot]} < {*self.chains[model.jnt_bodyid[joint]]} for foot in self.feet)
                 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
                 or not 0.0 < limits.get(joint, np.inf) < np.inf
                 or not model.body_subtreemass[model.jnt_bodyid[joint]] > MASSLESS
@@ -149,10 +162,11 @@ class _Proposal:
         ]
 
     def _rest(self, others: set[int]) -> dict[str, Any]:
-        """The key ``rest``: the left arm spread by its first hinge, not of others, that turns sideways."""
-        model, side = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes[1]
+        """The key ``rest``: the first hinge, not of others, that turns an arm of a pair sideways, spread."""
+        model, places = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes.T
         for joint, forward in enumerate(self.data.xaxis @ self.axes[0]):
-            if joint not in others and side[joint] > _BESIDE and abs(forward) > _LATERAL:
+            paired = np.abs(places - places[joint] * (1.0, -1.0, 1.0)).max(axis=1).min() < self.beside
+            if joint not in others and paired and places[joint, 1] > self.beside and abs(forward) > _LATERAL:
                 angle = math.copysign(_SPREAD, forward)
                 low, high = model.jnt_range[joint]
                 if not model.jnt_limited[joint] or low < angle < high:
@@ -206,7 +220,8 @@ def fit_sole(points: Array) -> dict[str, float]:
     found = (*trapezoids[k], np.median(part[:, 2]), *halves[k], middle, pitch)
     values = {key: round(float(value), 4) for key, value in zip(keys, found, strict=True)}
     values = {key: value for key, value in values.items() if value or key not in ("middle", "pitch")}
-    return values if halves[k].min() > _NARROW * length else {}  # else a line or a point
+    level = abs(down[1]) < _LEVEL * np.linalg.norm(down)
+    return values if level and halves[k].min() > _NARROW * length else {}  # else a line or a point
 
 
 def _shape_points(model: mujoco.MjModel, geom: int) -> Array:

@@ -35,7 +35,6 @@ _FORCES_OF_NO_JOINT = (
     "actuator_dyntype",
     "opt.density",
     "opt.viscosity",
-    "opt.wind",
 )
 """Fields of a source with forces, limits or delays that a body cannot have."""
 _SAME_GRAVITY = 0.05  # most difference of a model's gravity from that of a walk [m/s^2]
@@ -56,8 +55,8 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
 def upright_axes(data: mujoco.MjData, feet: Sequence[int]) -> Array:
     """Forward, left and up as rows, shape (3, 3): the feet are under the hips along an axis of the model.
 
-    The data have the places of all segments; ``feet`` are those of the left and the right foot. Raises
-    InputError if both are at one place.
+    The data have the places of all segments; ``feet`` are those of the left and the right foot. Without a
+    distance between them, forward and left are 0.
     """
     left, right = data.xpos[feet]
     lines = [_line(data.model, foot) for foot in feet]
@@ -67,9 +66,7 @@ def upright_axes(data: mujoco.MjData, feet: Sequence[int]) -> Array:
     axis = int(np.abs(down).argmax())
     up = -math.copysign(1.0, down[axis]) * np.eye(3)[axis]
     across = left - right - ((left - right) @ up) * up
-    if not (distance := math.hypot(*across)) > 0.0:
-        raise InputError("both feet are at one place; correct foot in the body's description.")
-    across /= distance
+    across /= math.hypot(*across) or 1.0
     return np.stack([np.cross(across, up), across, up])
 
 
@@ -90,6 +87,8 @@ class Tree:
         self.data = at_zero(model)
         self.origin = self.data.xpos[root]
         self.align = upright_axes(self.data, self.feet)
+        if not self.align[1].any():
+            raise InputError("both feet are at one place; correct foot in the body's description.")
         self.segments: list[Segment] = []
         self.of_body: dict[int, Segment] = {}
         self._read(root, None)

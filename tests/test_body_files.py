@@ -72,14 +72,10 @@ def with_passive(element: str) -> BodyModel:
     return read(suite_model(element), text.replace(source, "model.xml"), "model.xml")
 
 
-def rolled(angle: str) -> str:
-    """The URDF in axes that are turned about x by an angle [rad]."""
+def placed(origin: str) -> str:
+    """The URDF from another origin, or in axes that are turned."""
     joint = '<joint name="turn" type="fixed"><parent link="base"/><child link="pelvis"/>'
-    turn = f'<link name="base"/>{joint}<origin rpy="{angle} 0 0"/></joint>'
-    return URDF.replace("</robot>", f"{turn}</robot>")
-
-
-Y_UP = rolled("-1.5707963267948966")
+    return URDF.replace("</robot>", f'<link name="base"/>{joint}<origin {origin}/></joint></robot>')
 
 
 def test_values_of_a_left_joint_hold_for_the_right_one_and_firm_dampers_are_found() -> None:
@@ -90,12 +86,9 @@ def test_values_of_a_left_joint_hold_for_the_right_one_and_firm_dampers_are_foun
     assert "add 'l_ankle_pitch|" in firm_dampers(read(toml=TOML + 'damping.".*" = 20').compile())
 
 
-FOOTPRINT = rolled("0").replace('rpy="0 0 0"', 'xyz="0 0 2"')
-
-
-@pytest.mark.parametrize("urdf", [Y_UP, rolled("3.141592653589793"), FOOTPRINT])
-def test_a_model_is_turned_upright_wherever_its_root_is(urdf: str) -> None:
-    found, own = read(urdf).description, read().description
+@pytest.mark.parametrize("origin", ['rpy="-1.570796327 0 0"', 'rpy="3.141592654 0 0"', 'xyz="0 0 2"'])
+def test_a_model_is_turned_upright_wherever_its_root_is(origin: str) -> None:
+    found, own = read(placed(origin)).description, read().description
     assert found.left_leg == own.left_leg
     assert (found.hip_height, found.com_over_hip) == pytest.approx((own.hip_height, own.com_over_hip))
 
@@ -147,11 +140,18 @@ def test_a_description_is_proposed_from_a_model(pitch: float, tmp_path: Path, am
 def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
     assert "Fill in [body.sole]" in ampm("body", "new", EXAMPLES / "biped.urdf", tmp_path / "new.toml").out
     assert "body.sole is missing" in ampm("body", "check", tmp_path / "new.toml").err
-    weak = URDF.replace("</robot>", f"{ARM}</robot>").replace('effort="10"', 'effort="0"')
-    (tmp_path / "biped.urdf").write_text(weak, encoding="utf-8")
-    assert "lack mass or a torque limit" in propose(str(tmp_path / "biped.urdf"), tmp_path)
-    one_arm = URDF.replace("</robot>", f"{ARM}</robot>")
-    for urdf, said in ((one_arm, 'trunk = "chest"'), (BACKWARD, "# As its knees bend, it walks along -x ")):
+    one_arm = URDF.replace("</robot>", ARM.replace("0 1 0", "1 0 0") + "</robot>")
+    two = one_arm.replace("</robot>", ARM.replace('"arm"', '"other"').replace("0 0.2", "0 -0.2") + "</robot>")
+    small = re.sub('(?<=origin xyz=")[^"]+', lambda m: " ".join(str(float(n) / 5) for n in m[0].split()), two)
+    for urdf, said in (
+        (one_arm.replace('effort="10"', 'effort="0"'), "lack mass or a torque limit"),
+        (one_arm, 'trunk = "chest"'),
+        (one_arm, "]\n\n# The left foot"),  # no arm of a pair is spread
+        (small, "\narm = 0.4\n"),
+        (BACKWARD, "# As its knees bend, it walks along -x "),
+        (with_toes(URDF), 'lock = [\n    "l_toe",\n    "r_toe",\n]'),
+        (with_box_feet().replace('"0 0.0 0"', '"0.15 0 0"'), "level along y"),
+    ):
         (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
         assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
 
