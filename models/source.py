@@ -147,8 +147,8 @@ def compiled_source(path: Path, *, balance: bool = False) -> tuple[mujoco.MjMode
     speeds: dict[str, float] = {}
     try:
         text = path.read_text(encoding="utf-8")
-        if "<sdf" in text:
-            raise ValueError("it is SDF, which is not read; give URDF or MJCF")
+        if "<robot" not in text and "<mujoco" not in text:
+            raise ValueError("it is neither URDF nor MJCF, which are read")
         if "<robot" in text:
             tree = ET.fromstring(text)
             speeds = _readable_urdf(tree)

@@ -181,7 +181,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
     if refusal is None:
         raise no_feasible_choice(max(searches, key=lambda search: search.best().worst()), tried)
     raise NoFeasibleChoice(
-        f"the best choice just fails: {refusal.args[0]} (choices tried: {tried})",
+        f"the best choice fails: {refusal.args[0]} (choices tried: {tried})",
         tried=tried,
         values=values,
         reason=refusal.reason,
