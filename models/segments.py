@@ -89,14 +89,15 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findi
         How far both sides were from being mirror images.
 
     Raises:
-        InputError: the body has no mirror image, or one that differs too much from it.
+        InputError: the body has no mass or mirror image, or one that differs too much from it.
     """
-    hinges = [hinge for segment in segments for hinge in segment.joints]
-    near = _ALIKE * float(np.ptp([segment.place[2] for segment in segments]))
-    apart = _find_images(segments, near, locked)
-    unlike = _mean_hinges(hinges)
-    place, com, mass = _mean_segments(segments)
     total = sum(segment.inertial.mass for segment in segments)
+    if not total > 0.0:
+        raise InputError("the links of the body have no mass; give them masses in its model.")
+    near = _ALIKE * float(np.ptp([segment.place[2] for segment in segments]))
+    apart = _find_images(segments, near, total, locked)
+    unlike = _mean_hinges(segments)
+    place, com, mass = _mean_segments(segments, total)
     for value, limit, unit, what in (
         (place, near, "m", "places of segments"),
         (com, near, "m", "the COM of one of their segments, as it moves that of the body"),
@@ -111,11 +112,11 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findi
     return Findings(max(place, apart), com, mass, bare, unlike)
 
 
-def _find_images(segments: Sequence[Segment], near: float, locked: Sequence[str]) -> float:
+def _find_images(segments: Sequence[Segment], near: float, total: float, locked: Sequence[str]) -> float:
     """Find image and side of each hinge; the largest distance of a hinge from its image's image [m].
 
     Two hinges at one place, such as clavicles, are told apart by the middles of what hangs on them. Raises
-    InputError if a hinge has no image within ``near`` [m].
+    InputError if a hinge has no image within ``near`` [m]; ``total`` is the mass [kg].
     """
     hinges, middles = [hinge for segment in segments for hinge in segment.joints], _limb_middles(segments)
     axes = np.array([hinge.axis for hinge in hinges])
@@ -127,10 +128,10 @@ def _find_images(segments: Sequence[Segment], near: float, locked: Sequence[str]
     if lonely.any():
         names = [hinges[k].name for k in np.flatnonzero(lonely).tolist()]
         way_out = f"or write lock = {[*locked, *names]} in [body] of its description, if they are of no leg"
-        weights = [segment.inertial.mass for segment in segments]
-        moment = np.dot(weights, [segment.place[1] + segment.inertial.com[1] for segment in segments])
-        if (aside := abs(float(moment)) / (sum(weights) or 1.0)) > 0.5 * near:
-            way_out = f"as lock leaves its COM {aside:.3g} m from the middle, {0.5 * near:.3g} m at most"
+        aside = abs(sum(s.inertial.mass * float(s.place[1] + s.inertial.com[1]) for s in segments)) / total
+        kept = [s.place[2] for s in segments if not any(joint.name in names for joint in s.joints)]
+        if aside > (most := 0.5 * _ALIKE * float(np.ptp(kept))):
+            way_out = f"as lock leaves its COM {aside:.3g} m from the middle, {most:.3g} m at most"
         raise InputError(
             f"no mirror image within {near:.3g} m of the joints {', '.join(names)}; a periodic walk needs a "
             f"symmetric body that stands upright: correct it, {way_out}."
@@ -155,9 +156,9 @@ def _limb_middles(segments: Sequence[Segment]) -> Array:
     return np.array([sums[segment] / counts[segment] for segment in segments for _ in segment.joints])
 
 
-def _mean_hinges(hinges: Sequence[Hinge]) -> tuple[str, ...]:
+def _mean_hinges(segments: Sequence[Segment]) -> tuple[str, ...]:
     """Make hinges the mirror images of each other, with the signs of their angles; what differed."""
-    before, unlike = {hinge: copy(hinge) for hinge in hinges}, list[str]()
+    before, unlike = {joint: copy(joint) for segment in segments for joint in segment.joints}, list[str]()
     for mean, here in before.items():
         image = before[here.image]
         axis = -_MIRROR * image.axis
@@ -178,16 +179,13 @@ def _mean_hinges(hinges: Sequence[Hinge]) -> tuple[str, ...]:
     return tuple(unlike)
 
 
-def _mean_segments(segments: Sequence[Segment]) -> tuple[float, float, float]:
+def _mean_segments(segments: Sequence[Segment], total: float) -> tuple[float, float, float]:
     """Make segments the mirror images of each other; largest differences of both sides.
 
-    They are of places [m], of COMs times their share of the mass [m], of masses [kg]. Raises InputError if a
-    segment does not hang on the image of what its image hangs on, or nothing has a mass.
+    They are of places [m], of COMs times their share of the mass ``total`` [m], of masses [kg]. Raises
+    InputError if a segment does not hang on the image of what its image hangs on.
     """
     before = {segment: copy(segment) for segment in segments}
-    total = sum(segment.inertial.mass for segment in segments)
-    if not total > 0.0:
-        raise InputError("the links of the body have no mass; give them masses in its model.")
     places, coms, masses = [0.0], [0.0], [0.0]
     for mean, here in before.items():
         image = before[mean.image]
