@@ -32,6 +32,7 @@ _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad
 _BESIDE, _SPREAD = 0.07, 0.4  # from the middle to a shoulder over the leg [1], and of an arm at rest [rad]
 _HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
 _NARROW = 0.05  # least half width of a sole over its length [1]
+_DIGITS = 6  # of points of a flat part [m]: edges that are turned by rounded angles stay edges
 _INSETS = np.linspace(0.0, 0.25, 11)  # of heel and front from the ends of the outline, over its length [1]
 _RING = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)])
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -200,7 +201,7 @@ def fit_sole(points: Array) -> dict[str, float]:
         down = area[flat] @ normal[flat]
         pitch = float(np.arctan2(-down[0], -down[2]))
         pitch = pitch if abs(pitch) > _LEVEL else 0.0
-        part = corners[flat].reshape(-1, 3) @ sole_turn(pitch)
+        part = np.round(corners[flat].reshape(-1, 3) @ sole_turn(pitch), _DIGITS)
         outline = part[ConvexHull(part[:, :2]).vertices, :2]
     except (QhullError, ValueError):  # too few points, or all in one plane
         return {}

@@ -105,7 +105,7 @@ def test_contact_pairs_with_the_floor_of_another_file_are_left_out(tmp_path: Pat
 
 
 def with_box_feet(pitch: float = 0.0) -> str:
-    place = f'<origin xyz="0.03 0 -0.05" rpy="0 {pitch} 0"/>'
+    place = f'<origin xyz="0.03 0 -0.05" rpy="0 {pitch} 3e-6"/>'
     box = f'<collision>{place}<geometry><box size="0.2 0.09 0.04"/></geometry></collision>'
     return re.sub('<link name="._foot">', lambda link: link[0] + box, URDF)
 
@@ -150,7 +150,7 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
         (small, "\narm = 0.4\n"),
         (BACKWARD, "# As its knees bend, it walks along -x "),
         (with_toes(URDF), 'lock = [\n    "l_toe",\n    "r_toe",\n]'),
-        (with_box_feet().replace('"0 0.0 0"', '"0.15 0 0"'), "level along y"),
+        (with_box_feet().replace('"0 0.0 3e-6"', '"0.15 0 0"'), "level along y"),
     ):
         (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
         assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)
