@@ -19,11 +19,11 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     (gait := tmp_path / "up.toml").write_text("[gait]\nslope = 0.05\n[drake]\nstiffness = 2e5\n")
     more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "sensors.stand=1")
     slope = ("--body", "suite-humanoid", "--set", "disturbance.slope_across=0.02")
-    answer = ampm("validate", gait, *slope, *QUICK, *more)
+    answer = ampm("validate", gait, *slope, *QUICK, *more, "--set", "controller.stabilizer=stepping")
     assert answer.status == 0
     assert "planner none does not use: gait.slope, gait.steps" in answer.err
-    assert "sensors.estimator = exact does not use: sensors.stand" in answer.err
-    assert "simulation.engine = mujoco does not use: drake.stiffness" in answer.err
+    idle = ("exact does not use: sensors.stand", "mujoco does not use: drake", "none does not use: control")
+    assert [keys for keys in idle if keys not in answer.err] == []
     summary = answer.json
     assert (summary["profile"], summary["verdict"], summary["steps_completed"]) == ("free", "pass", 0)
     assert summary["metrics"]["velocity_x_error"]["pass"]

@@ -77,13 +77,13 @@ class TrackingController:
         return None if self._tracker is None else self._tracker.stepped
 
     def follow(self, plan: WalkPlan, timing: Timing) -> None:
-        """Take a plan that holds from the next tick on; only the stepping stabiliser needs it.
+        """Take a plan that holds from the next tick on; only the stepping stabiliser needs it, and its steps.
 
         Args:
             plan: the first one of the walk, or a new one.
             timing: look-ahead of its references.
         """
-        if self._steps:
+        if self._steps and plan.contacts.steps:
             self._tracker = StepTracker(plan, timing, self.robot, self.workspace)
             self._prepare = None  # bound anew at the next tick, to a stepper
 

@@ -43,6 +43,7 @@ _IDLE: Mapping[str, tuple[Any, Sequence[str]]] = {
     "sensors.fix_rate": (0.0, ["sensors.fix_noise"]),
     "disturbance.step_height": (0.0, ["disturbance.step_number"]),
     "disturbance.mass_change": (0.0, ["disturbance.mass_segment"]),
+    "gait.planner": (NO_PLAN, ["controller.stabilizer"]),
     "simulation.engine": ("mujoco", ["drake.stiffness", "drake.dissipation", "drake.approximation"]),
 }
 """Keys that have no effect where another key has some value."""
@@ -273,7 +274,6 @@ def plan_walk(
     declared = vars(type(planner))  # see ampm.walk.Planner
     # Ours need no checks of their plans. A class that only says so would not be held to the run.
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
-    tunes = declared.get("tunes", False)
     name = str(getattr(planner, "name", type(planner).__name__)).strip()
     if not checked and (not name or name in users.PLANNER.known):  # of a user's class
         name = type(planner).__name__
@@ -284,7 +284,7 @@ def plan_walk(
         request = replace(request, run=run)
     _check_request(request, name, declared, progress, is_ours=checked)
     body = None
-    if tunes:
+    if declared.get("tunes", False):
         name = "" if name == "ampm" else name
         if leaves_open(run):
             tuned = tune_walk(request, progress)

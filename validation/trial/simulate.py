@@ -95,14 +95,14 @@ def simulate(
         forces_of(run, disturbances, record.outcome.time)
     followed = Followed(tuple(course.plans), np.array(loop.stepped), course.tick)
     outcome, ours = record.outcome, make_controller is TrackingController
-    if plan.command is not None:
-        outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     disturbed = bool(forces) or run.disturbance != DisturbanceParameters()
     fixed, way_out = ours and run.controller.stabilizer == "fixed", ""
     if outcome.name is OutcomeName.FELL and disturbed and fixed and outcome.steps_completed:
         way_out = "--set controller.stabilizer=stepping may survive this disturbance"
     elif outcome.name is OutcomeName.DIVERGED:
         way_out = firm_dampers(physics.model)
+    if plan.command is not None:
+        outcome = replace(outcome, steps_completed=measured_supports(record)[1])
     record = replace(
         record,
         outcome=replace(outcome, cause=f"{outcome.cause}; {way_out}") if way_out else outcome,
@@ -123,7 +123,7 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
     robot, way_out = planned.body.own_robot(), "or sensors.stand = 0"
     if not np.array_equal(surfaces(planned.run.disturbance, planned.plan.contacts), [0.0]):
         raise InputError(f"sensors.stand needs a level floor at z = 0; take no slopes or heights, {way_out}.")
-    still = {"gait.planner": NO_PLAN, "controller.stabilizer": "fixed", "command.settling": 0.0}
+    still = {"gait.planner": NO_PLAN, "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
     plan = StandingPlanner().plan(run.undisturbed, robot)
     controller = TrackingController(robot, run.undisturbed)
