@@ -71,9 +71,10 @@ def compare(
     done = [text for text in walks if names_folder(text)]
     sweeps = [text for text in done if is_sweep(Path(text))]
     if done and (len(done) < len(walks) or len(done) < 2 or settings or choices or steps or as_is):
+        other = "".join(f", and {text} does not" for text in walks if text not in done)
         raise InputError(
-            f"{done[0]} names a folder of results; give two such folders or more, without gaits and their "
-            "options ('ampm validate --out DIR' keeps the run of a gait)."
+            f"{done[0]} names a folder of results{other}; give two such folders or more, without gaits and "
+            "their options ('ampm validate --out DIR' keeps the run of a gait)."
         )
     found: WalkComparison | SweepComparison
     if sweeps:

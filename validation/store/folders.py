@@ -115,7 +115,7 @@ def output_file(target: Path, *, force: bool = True) -> Iterator[Path]:
     try:
         yield work
         work.replace(target)
-    except PermissionError as error:
+    except (PermissionError, FileNotFoundError) as error:
         raise InputError(f"{target} cannot be written ({error.strerror}); give another place.") from error
     finally:
         work.unlink(missing_ok=True)
