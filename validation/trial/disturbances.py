@@ -120,7 +120,8 @@ class Push:
 
     def __post_init__(self) -> None:
         """Refuse invalid values."""
-        if np.shape(self.force) != (3,) or not np.isfinite(self.force).all() or not np.any(self.force):
+        real = all(isinstance(part, Real) for part in np.ravel(self.force))
+        if not (real and np.shape(self.force) == (3,) and np.isfinite(self.force).all() and any(self.force)):
             raise InputError(f"a push of force {self.force} needs three finite numbers, not all 0 [N].")
         numbers = isinstance(self.at, Real) and isinstance(self.duration, Real)
         if not (numbers and math.isfinite(self.at) and self.at >= 0.0 and self.duration > 0.0):
@@ -179,9 +180,8 @@ def load_disturbance(text: str) -> Disturbance:
 
 def describe(disturbance: Disturbance) -> str:
     """In words, or as Python writes it; module and class where that would only be an address."""
-    kind = type(disturbance)
-    is_plain = kind.__repr__ is object.__repr__
-    return f"{kind.__module__}:{kind.__qualname__}" if is_plain else str(disturbance)
+    kind, plain = type(disturbance), object.__repr__
+    return f"{kind.__module__}:{kind.__qualname__}" if kind.__repr__ is plain else str(disturbance)
 
 
 def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
