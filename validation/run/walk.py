@@ -34,7 +34,7 @@ def walk(
     run: RunParameters | str | Path = "normal",
     *,
     controller: ControllerFactory | str | None = None,
-    planner: Planner | str | None = None,
+    planner: Planner | str | Path | None = None,
     disturbances: Sequence[Disturbance] = (),
     footsteps: Sequence[Footstep] | str | Path | None = None,
     name: str | None = None,
@@ -49,7 +49,7 @@ def walk(
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.
         controller: makes the controller from robot, run and the run's ``controller.options``, a class for
             example; or its name. That of the run by default.
-        planner: makes the plan, or a name, see :func:`validation.trial.users.load_planner`; that of the
+        planner: makes the plan, or a name or table: :func:`validation.trial.users.load_planner`; that of the
             run by default.
         disturbances: external forces, such as :class:`validation.Push`, beside those of the run.
         footsteps: places to walk over from rest to rest, see :func:`ampm.plan_footsteps`; or a CSV file.
@@ -60,8 +60,7 @@ def walk(
         InputError, MathematicalRefusal, BodilyRefusal: there is no such walk, or a user's class fails.
     """
     if not (controller is None or isinstance(controller, str) or callable(controller)):
-        wanted = "controller; give a class or function that makes one, or a name"
-        raise InputError(f"{controller!r} cannot be the {wanted}.")
+        raise InputError(f"{controller!r} cannot be the controller; give a class or function, or a name.")
     if isinstance(planner, type):
         raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
     check_disturbances(disturbances)
@@ -71,8 +70,9 @@ def walk(
     if sections == {"footsteps": []}:
         raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 3.")
     request = load_request(run if isinstance(run, RunParameters) else str(run))
-    names = {"gait.planner": planner, "controller.name": controller}
-    chosen = request.run.replace({k: text for k, text in names.items() if isinstance(text, str)}, **sections)
+    given = {"gait.planner": planner, "controller.name": controller}.items()
+    names = {key: str(text) for key, text in given if isinstance(text, str | Path)}
+    chosen = request.run.replace(names, **sections)
     factory = controller if callable(controller) else CONTROLLER.find(*CONTROLLER.named(chosen))
     name_of_class = CONTROLLER.name_of(factory)
     CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
@@ -82,7 +82,7 @@ def walk(
     request = replace(request, name=str(name or request.name), run=chosen)
     seconds: dict[str, float] = {}
     with timed(seconds, "planning"):
-        planned = plan_walk(request, progress, planner=None if isinstance(planner, str) else planner)
+        planned = plan_walk(request, progress, planner=None if isinstance(planner, str | Path) else planner)
     trial = walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
     return replace(trial, seconds={**seconds, **trial.seconds})
 

@@ -75,13 +75,13 @@ class References:
 
     def follow(self, plan: WalkPlan) -> None:
         """Go on with another plan from the next tick on."""
-        step_ends = plan.contacts.step_ends[: self.steps]
-        total = math.floor(step_ends[-1] / self.time_step + 1e-9)
+        self.step_ends = plan.contacts.step_ends[: self.steps]
+        self.total = total = math.floor(self.step_ends[-1] / self.time_step + 1e-9)
         ticks = np.arange(self._tick * self.substeps, total, self.substeps)
-        self.step_ends, self.total = step_ends, total
         if not ticks.size:  # the walk ends here
             return
-        with UsersCode("planner", self.planner or type(plan.posture), walking=bool(self.plans)):
+        by = ("planner", self.planner) if self.planner else ("plan with the posture", type(plan.posture))
+        with UsersCode(*by, walking=bool(self.plans)):
             self.table = self._sampled(plan, ticks)
             instants = ticks if self.plans else np.arange(total)
             frozen = FrozenPlan.of(plan, instants * self.time_step, self._tick * self.tick)
