@@ -137,8 +137,8 @@ class Kalman:
         if fix is not None:
             f.position[:] = fix
         self._update(commanded, now, age, fix is not None, self._q, self._v)
-        touch = Touch(f.contact, f.force, 2.0 * f.lag + age, self._threshold)
-        return State(now, self._q, self._v, f.lag), touch
+        touch = Touch(f.contact.copy(), f.force.copy(), 2.0 * f.lag + age, self._threshold)
+        return State(now, self._q.copy(), self._v.copy(), f.lag), touch  # which a user's class may keep
 
 
 def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
