@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+import validation as val
 from ampm.planner import routes
 from ampm.planner.newton import zmp_of_com
 from docs.examples.joint_pd import JointPD
@@ -17,6 +18,7 @@ from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
 from validation.measure.measure import measure
 from validation.run.replay import replay
+from validation.trial import scene
 from validation.trial.disturbances import Push, Recorded
 from validation.trial.followed import LEADS, STEPPING
 from validation.trial.plan import load_request, plan_walk
@@ -214,6 +216,20 @@ def test_a_floor_at_another_height_is_found_by_the_feet(floor, step):
     loaded = record.point_force[..., 2] > 5.0
     assert np.median(record.point_position[..., 2][loaded]) == pytest.approx(floor, abs=1e-3)
     assert height - planned("stepping").run.gait.com_height == pytest.approx(floor, abs=0.003)
+
+
+@pytest.mark.parametrize("floor", ["slope_along=0.0185 disturbance.slope_across=0.0185", "step_height=0.01"])
+def test_a_slope_is_one_if_the_feet_rise_by_it(floor, monkeypatch):
+    def under_ball(body, step, *rest):  # a stone that tilts the foot and hardly lifts it
+        low, high = place(body, step, *rest)
+        low[0] = step.position[0] + body.description.sole.heel_x + 0.65 * body.description.sole.length
+        return low, high
+
+    place = scene._place
+    monkeypatch.setattr(scene, "_place", under_ball)
+    settings = f"simulation.time_step=0.002 controller.stabilizer=stepping gait.steps=9 disturbance.{floor}"
+    trial = val.walk(load_request("normal", settings.split()).run)
+    assert trial.metrics["zmp_x_rmse"].value < 0.02
 
 
 def test_a_pushed_walk_returns_to_its_planned_places_and_times():

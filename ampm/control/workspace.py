@@ -108,6 +108,7 @@ class SteppingState:
     shift: Annotated[Array, (2, 3)]  # displacement of every foot from where it was planned [m]
     swing: Annotated[Array, (3, 3)]  # displacement of the swing foot, with two derivatives
     slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
+    level: float  # slope up to which the floor counts as level [1]
     height: Annotated[Array, (2,)]  # height of the COM over its plan, and its rate [m, m/s]
     sag: float  # height by which the COM goes down for a long step [m]
     away: float  # largest component of the COM's distance from the plan's [m]

@@ -1,5 +1,7 @@
 """What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
 
+import math
+
 from ampm.compiled import compiled
 from ampm.control.workspace import TIP, Stepper, SteppingState, Workspace
 from ampm.geometry import Array
@@ -9,6 +11,15 @@ SINK = 0.00075
 """A sole under load sinks into the floor by this depth [m]."""
 DEEP_IN = 0.0018
 """A sole with a point deeper than this does not lie as the floor does [m]."""
+FEEL_TIME = 0.03
+"""Time constant of the measured slope [s]."""
+LEVEL = 0.005
+"""Slopes up to this count as level, because a sole under load is not exactly level [1]."""
+RISE = 0.005
+"""Rise between the feet from which on their heights tell whether a slope is one [m]."""
+AGREES = 0.15
+"""If they rise by less than this share of what the slope says, a stone tilts the foot and the floor counts as
+level. From twice the share on, the whole slope counts [1]."""
 LIFT = 0.5
 """Integral gain of the COM's height, times omega^3 [1]."""
 DEAD_BAND, SATURATION = 0.0015, 0.01
@@ -71,6 +82,23 @@ def floor_under(work: Workspace, planned: Array, foot: int) -> tuple[float, floa
         return height - SINK + deepest, slope[0], slope[1]
     dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
     return z - dzdx * x - dzdy * y, dzdx - planned[0], dzdy - planned[1]
+
+
+@compiled
+def feel_slope(work: Workspace, stepper: Stepper) -> None:
+    """Measure the slope under the foot that stands flat, and up to which slope the floor counts as level."""
+    state: SteppingState = work.stepping[0]
+    stance, swing, places = state.stance, 1 - state.stance, stepper.table.foot_position[0]
+    _, slope_x, slope_y = floor_under(work, stepper.slope, stance)
+    shift = state.shift[stance] - state.shift[swing]
+    x, y, _ = places[stance] - places[swing] + shift
+    rise, level = slope_x * x + slope_y * y, LEVEL
+    if abs(rise) > RISE:
+        level = math.hypot(slope_x, slope_y) * clip(2.0 - shift[2] / rise / AGREES, 0.0, 1.0)
+    gain = min(stepper.tick / FEEL_TIME, 1.0)
+    state.slope[0] += gain * (slope_x - state.slope[0])
+    state.slope[1] += gain * (slope_y - state.slope[1])
+    state.level += gain * (level - state.level)
 
 
 @compiled

@@ -18,7 +18,7 @@ from ampm.control.workspace import Curves, Stepper, SteppingState, Workspace, ro
 from ampm.geometry import Array
 from ampm.planner.contacts import Phase
 from ampm.reference import Timing, reference_type
-from ampm.stepping.floor import SINK
+from ampm.stepping.floor import LEVEL, SINK
 from ampm.stepping.phases import Phases, begin_phase, repeated
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
@@ -96,7 +96,7 @@ class StepTracker:
         floor, force_factor, touches = state.floor, state.force_factor, state.touches.copy()
         self._workspace.stepping[:] = 0
         state.floor, state.force_factor, state.touches[:] = floor, force_factor, touches
-        state.rate, state.factor, state.choice = 1.0, 1.0, -1
+        state.rate, state.factor, state.choice, state.level = 1.0, 1.0, -1, LEVEL
         self._next = -math.inf
 
     def _enter(self, index: int) -> None:

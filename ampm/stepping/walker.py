@@ -7,7 +7,16 @@ from ampm.compiled import compiled
 from ampm.control.sole import turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.stepping.floor import floor_under, hold_height, is_early, is_late, sense_touch, stands_flat, step_up
+from ampm.stepping.floor import (
+    feel_slope,
+    floor_under,
+    hold_height,
+    is_early,
+    is_late,
+    sense_touch,
+    stands_flat,
+    step_up,
+)
 from ampm.stepping.phases import carried_shift, landing_shift
 from ampm.stepping.step_choice import (
     dcm_ahead,
@@ -24,8 +33,6 @@ DISTURBED = 0.006
 """The sole is shared where the DCM is farther than this from its plan, twice as far as undisturbed [m]."""
 OFF_PLACE, OFF_HEIGHT, OFF_TILT = 0.015, 0.0015, 0.008
 """The walk leaves its plan where a standing foot is farther than this from it [m, m, rad]."""
-LEVEL = 0.005
-"""Slopes up to this count as level, because a sole under load is not exactly level [1]."""
 FREEZE = 0.05
 """The next step does not change during this time before landing [s]."""
 PATIENCE = 0.15
@@ -42,8 +49,6 @@ HEIGHT_RATE = 6.0
 """Rate of the double pole with which the COM follows the floor's height [1/s]."""
 SAG = 0.15
 """The COM goes down by this share of a step's extra length, because a straight leg is late [1]."""
-FEEL_TIME = 0.03
-"""Time constant of the measured slope [s]."""
 
 
 @compiled
@@ -138,12 +143,9 @@ def replace_reference(work: Workspace, stepper: Stepper) -> None:
     read_table(work, stepper)
     wanted.tilt_window[0] = 0.0
     if stands_flat(work):
-        _, slope_x, slope_y = floor_under(work, stepper.slope, state.stance)
-        gain = min(stepper.tick / FEEL_TIME, 1.0)
-        state.slope[0] += gain * (slope_x - state.slope[0])
-        state.slope[1] += gain * (slope_y - state.slope[1])
-    slope_x, slope_y = state.slope[0], state.slope[1]
-    slope = slope_x - clip(slope_x, -LEVEL, LEVEL), slope_y - clip(slope_y, -LEVEL, LEVEL)
+        feel_slope(work, stepper)
+    (slope_x, slope_y), level = state.slope, state.level
+    slope = slope_x - clip(slope_x, -level, level), slope_y - clip(slope_y, -level, level)
     state.heading[0], state.heading[1] = heading_of(wanted.foot_rotation[state.stance])
     dcm = _swing(work, stepper, slope) if state.single else _transfer(work, stepper)
     _replace_com(work, stepper, slope, dcm)
