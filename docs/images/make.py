@@ -60,7 +60,16 @@ def picture_of_recording(
                 break
         image = Image.open(shot).convert("RGB")
         image = image.crop((0, MENU_BAR, image.width, image.height - TIME_PANEL))
-        image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
+        in_few_colours(image).save(target, optimize=True)
+
+
+def in_few_colours(image: Image.Image) -> Image.Image:
+    """An image with a palette of its commonest colours and of rare ones, such as those of a legend."""
+    common = image.quantize(160, dither=Image.Dither.NONE).getpalette() or []
+    rare = image.quantize(96, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).getpalette() or []
+    both = Image.new("P", (1, 1))
+    both.putpalette([*common, *rare])
+    return image.quantize(palette=both, dither=Image.Dither.NONE)
 
 
 def picture_of_several(folders: list[Path], phase: float, target: Path) -> None:
@@ -75,7 +84,7 @@ def picture_of_plan(gait: str, target: Path) -> None:
         drawn = Path(folder) / "plan.png"
         plot_plan(plan_walk(load_request(gait)).plan, drawn, title=f"plan of {gait}")
         image = Image.open(drawn).convert("RGB")
-        image.quantize(192, dither=Image.Dither.NONE).save(target, optimize=True)
+        in_few_colours(image).save(target, optimize=True)
 
 
 if __name__ == "__main__":
