@@ -133,7 +133,7 @@ def test_gaps_are_left_out_and_said(folder, summary, table):
     assert " steps of " in trial.planned.name  # the log ends before the plan
     assert any("3 of 0.75 s in all, the longest 0.25 s" in note for note in trial.table().notes)
     assert value(trial, "zmp_x_rmse") == pytest.approx(summary["metrics"]["zmp_x_rmse"]["value"], rel=0.3)
-    assert trial.verdict.reason.startswith("Pass on 11 of 11; 15.5% of the time is left out")
+    assert trial.verdict.reason.startswith("Pass on 11 of 11; 15.5 % of the time is left out")
 
 
 @pytest.mark.parametrize("of", ["holes", "random", "clock"])
@@ -216,11 +216,11 @@ def test_feet_and_sensors_give_the_same_zmp(folder, table):
     assert value(found, "zmp_x_rmse") == pytest.approx(value(want, "zmp_x_rmse"), rel=0.01)
     for side, opposite in zip(sides, reversed(sides), strict=True):
         cop[f"{side}_cop_x"] = np.where(vertical[opposite] > 1.0, zmp[:, 0], np.nan)
-    with pytest.raises(InputError, match=r"left_cop is empty in \d+% of the rows in which the foot carries"):
+    with pytest.raises(InputError, match=r"left_cop is empty in \d+ % of the rows in which the foot carries"):
         val.judge_log(cop, folder)
     for side in sides:  # then only double support would be left
         sensor[f"{side}_sensor_torque_x"][vertical[side] < 1.0] = np.nan
-    with pytest.raises(InputError, match=r"% of the double supports and .% of the single supports"):
+    with pytest.raises(InputError, match=r"% of the double supports and . % of the single supports"):
         val.judge_log(sensor, folder)
     for side in sides:  # with the force of both feet beside them nothing is missing
         for axis in "xyz":
@@ -256,12 +256,12 @@ def test_what_strides_lack_makes_their_mean_partial(folder, table):
     row = np.arange(len(table["time"]))
     table["com_x"][row % 30 == 0] = table["angular_momentum_x"][row % 13 == 0] = np.nan
     trial = val.judge_log(table, folder, strides=True)
-    assert "the angular momentum is empty in 7.7% of the rows" in trial.verdict.reason
+    assert "the angular momentum is empty in 7.7 % of the rows" in trial.verdict.reason
     assert trial.summary["statistics"]["angular_momentum_x"]["run"]["unmeasured"] < 50
     table["zmp_y"][row % 100 < 10] = np.nan
     trial = val.judge_log(table, folder, strides=True)
     assert trial.verdict.name == "partial"
-    assert "9.7% of the time is left out" in trial.verdict.reason
+    assert "9.7 % of the time is left out" in trial.verdict.reason
 
 
 def test_the_spread_of_strides_is_that_of_force_zmp_and_momentum(folder, table):

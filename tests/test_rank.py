@@ -168,7 +168,7 @@ def test_tables_and_json():
     error = f"{1e3 * cell['error']:.3g}"  # [mm]
     assert found.tables()[1].rows[0] == ("1", "ampm", error, "8 of 8", "68–100", "0.4", "")
     notes = {(cell.task, cell.name): cell.notes for cell in found.cells if cell.name != "lipm"}
-    slower = ("17% slower than the task's median",)
+    slower = ("17 % slower than the median",)
     assert notes == {place: slower if place[1] == "dcm" else () for place in notes}
     assert found.sentence.endswith(" of 12 differences within a task are decided.")
     assert found.extremes.keys() == {f"{name}-{end}" for name in ERRORS for end in ("best", "worst")}

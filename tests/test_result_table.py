@@ -90,7 +90,7 @@ def test_tables_of_a_run_are_those_of_the_snapshot(said):
     rows = set(re.findall(r"^\| (.*?) \|", found, re.MULTILINE))
     assert {item.label for item in METRICS.values() if item.section} <= rows
     said["margins"]["plan_polygon"] = {"value": 1e-4, "time": 2.6, "where": ""}
-    assert len(cost_table(said).notes) == 2  # the ZMP passes the ball
+    assert ["µs" in note for note in cost_table(said).notes] == [True, False]  # the ZMP passes the ball
 
 
 def test_terminal_and_recording_show_the_tables(said, capsys):

@@ -239,7 +239,7 @@ def watched(ticks, limit=0.05, until=3000, soles=SOLES):
     for k in range(until):
         error, stance.trunk[:], status = ticks(k)
         stance.com[:] = np.array(PLANNED) + error
-        end = watch.check(k * PERIOD, status, residual=0.5, limit="knee at 100%")
+        end = watch.check(k * PERIOD, status, residual=0.5, limit="left_knee at 100 %")
         if end is not None:
             return end, k
     return None, until
@@ -292,7 +292,7 @@ def test_a_sign_that_was_got_over_is_not_the_cause_of_what_comes_later():
     assert end.name == OutcomeName.FELL
     assert "knee" not in end.cause
     end, _ = watched(lambda k: (*late(k + 3 * calm - 100)[:2], LIMITED if k == 10 else SOLVED))
-    assert "0.020 s (knee at 100%)" in end.cause
+    assert "0.020 s (left knee at 100 %)" in end.cause
 
 
 def test_a_body_that_stepped_off_the_plan_and_stands_has_not_fallen():

@@ -139,8 +139,8 @@ def _refuse_slow(v0: float, least: float) -> None:
     if not middle >= limit:
         raise MathematicalRefusal(
             f"the COM would pass over the foot at {middle:.6g} m/s, less than {limit:.6g} m/s, "
-            f"{LEAST_MID_STANCE_SHARE:.0%} of gait.switching_velocity = {v0:.6g} m/s (it passes at all from "
-            f"{least:.6g} m/s)",
+            f"{100 * LEAST_MID_STANCE_SHARE:.0f} % of gait.switching_velocity = {v0:.6g} m/s (it passes at "
+            f"all from {least:.6g} m/s)",
             reason="mid_stance_too_slow",
             value=float(middle),
             limit=float(limit),

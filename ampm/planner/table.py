@@ -195,7 +195,7 @@ def _vectors(table: Mapping[str, Any], name: str, axes: str = "xy") -> Array:
             if turns.mean() > _NOISY:
                 raise InputError(
                     f"{name}_{axis} of the table goes to and fro by more than {1e3 * _NOISE:g} mm between "
-                    f"rows, in {turns.mean():.0%} of them; give a smooth plan, with six digits."
+                    f"rows, in {100 * turns.mean():.0f} % of them; give a smooth plan, with six digits."
                 )
     return np.column_stack(columns)
 

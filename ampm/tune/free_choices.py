@@ -321,8 +321,8 @@ class FreeChoices:
             least = gait.switching_velocity * math.sqrt((1.0 - best) / (1.0 - limit))
             raise MathematicalRefusal(
                 f"gait.switching_velocity = {gait.switching_velocity:.4g} m/s is too slow to pass over the "
-                f"foot, whatever is chosen: with {best_choice['ratio']:.0%} of single support and a roll of "
-                f"{best_choice['roll'] * self.sole.ball_x:.3g} m it takes {least:.5g} m/s",
+                f"foot, whatever is chosen: with {100 * best_choice['ratio']:.0f} % of single support and a "
+                f"roll of {best_choice['roll'] * self.sole.ball_x:.3g} m it takes {least:.5g} m/s",
                 reason="switching_velocity_too_low",
                 value=gait.switching_velocity,
                 limit=least,

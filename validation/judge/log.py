@@ -81,7 +81,7 @@ def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     if (lasts > _STANDS * np.diff(plan.contacts.step_ends, prepend=0.0, append=plan.duration).max()).any():
         begin, end = log.time[walks[lasts.argmax() :][:2]]
         why = f"stands, or walks slower than the plan, from {begin:.2f} to {end:.2f} s: the force along the "
-        why += f"floor is less than {least:.1%} of the weight; give one walk, a plan as short (gait.steps)"
+        why += f"floor is less than {100 * least:.1f} % of the weight; give one walk, fewer gait.steps"
     if why:
         raise InputError(f"{log.name} {why}, or its start (--start)." + f" {log.unsupported}".rstrip())
     return start, correlation

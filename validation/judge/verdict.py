@@ -249,9 +249,9 @@ def _conclude(
     were = "was" if len(signals) == 1 else "were"
     lacks = [f"{' and '.join(signals)} {were} not measured"] if missing else []
     if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
-        lacks.append(f"{left_out:.1%} of the time is left out")
+        lacks.append(f"{100 * left_out:.1f} % of the time is left out")
     if log is not None and (empty := log.get("empty", 0.0)) > _LEFT_OUT:
-        lacks.append(f"the angular momentum is empty in {empty:.1%} of the rows")
+        lacks.append(f"the angular momentum is empty in {100 * empty:.1f} % of the rows")
     if log is not None and log.get("beside") and log["steps"] < log["planned_steps"]:
         lacks.append(f"the part that is like the plan lacks {log['beside']} of the log's steps")
     if log is not None and log.get("steps") == 0:

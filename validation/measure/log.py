@@ -217,8 +217,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     filled = {key: float(np.isfinite(v[known & ~light]).mean()) for key, v in signals.items()}
     if rare := [key for key in ("com", "angular_momentum") if filled.get(key, 1.0) < _FILLED]:
         raise InputError(
-            f"{name}: {rare[0]} has numbers in {filled[rare[0]]:.1%} of the rows with force, and needs "
-            f"{_FILLED:.0%}; interpolate it to their times, or leave out its columns."
+            f"{name}: {rare[0]} has numbers in {100 * filled[rare[0]]:.1f} % of the rows with force, and "
+            f"needs {100 * _FILLED:.0f} %; interpolate it to their times, or leave out its columns."
         )
     signals = {key: v for key, v in signals.items() if filled[key] >= _FILLED}
     step, lost = float(np.median(np.diff(time[known]))), np.zeros(time.size)
@@ -314,8 +314,8 @@ def _add_force(signals: dict[str, Array], weight: float) -> None:
             lost = float(np.isnan(at[stands]).any(axis=1).mean()) if stands.any() else 0.0
             if lost > _LOST:
                 raise InputError(
-                    f"{foot}_cop is empty in {lost:.0%} of the rows in which the foot carries the body; give "
-                    "it, or exchange the columns of the feet."
+                    f"{foot}_cop is empty in {100 * lost:.0f} % of the rows in which the foot carries the "
+                    "body; give it, or exchange the columns of the feet."
                 )
             forces.append(np.where(light, 0.0, force))
             torques.append(np.where(light, 0.0, np.cross(at, force)))

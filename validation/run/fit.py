@@ -156,12 +156,12 @@ def fit_log(
             f"{name}: by the force along x the COM is pulled back to the standing foot; correct the sign of "
             "force_x (--columns force_x=-COLUMN), or give the COM."
         )
-    least, most = (f"{force / strides.weight:.1%}" for force in (strides.upward.min(), strides.upward.max()))
+    upward = 100.0 * strides.upward / strides.weight
     error = 1e3 * float(np.sqrt(np.mean(strides.com_error**2)))
     notes = [
         f"{name}: {len(strides)} strides alike, {others} others left out.",
-        f"The body has {weighs:.4g} kg; the mean vertical force of a stride is {least} to {most} of its "
-        "weight.",
+        f"The body has {weighs:.4g} kg; the mean vertical force of a stride is {upward.min():.1f} % to "
+        f"{upward.max():.1f} % of its weight.",
         "The COM is the double integral of the force, in strides that are taken to be periodic."
         if com_height
         else f"The double integral of the force is {error:.2g} mm from the measured COM (RMS).",

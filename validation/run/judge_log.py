@@ -166,11 +166,11 @@ def _check_phases(log: Log, plan: WalkPlan) -> None:
     phases = plan.sample(np.minimum(time, plan.duration)).phase_name
     known = {str(kind): float((apart < log.time_step)[phases == kind].mean()) for kind in np.unique(phases)}
     if min(known.values()) < _KNOWN * max(known.values()):
-        kinds = " and ".join(f"{share:.0%} of the {kind.replace('_', ' ')}s" for kind, share in known.items())
+        kinds = " and ".join(f"{100 * share:.0f} % of the {kind}s" for kind, share in known.items())
         way_out = "give a log without such gaps"
         if log.signals.keys() & {"left_force", "right_force"}:
             way_out = "fill its empty cells, with 0 for force and torque of a foot in the air"
-        raise InputError(f"{log.name} has force and ZMP in {kinds} of the plan; {way_out}.")
+        raise InputError(f"{log.name} has force and ZMP in {kinds.replace('_', ' ')} of the plan; {way_out}.")
 
 
 def _aligned(
@@ -184,8 +184,8 @@ def _aligned(
     share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     notes = [
-        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is {share:.1%} "
-        "of the plan's weight."
+        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is "
+        f"{100 * share:.1f} % of the plan's weight."
     ]
     if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
         of = f"{gaps.size} of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"

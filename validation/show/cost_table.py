@@ -49,8 +49,7 @@ def reported_table(summary: Mapping[str, Any]) -> Table:
 
 def _measured(summary: Mapping[str, Any], rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
     """Rows that have a value; of a walk with plan and joints all."""
-    partial = "log" in summary or "velocity" in summary
-    return [row for row in rows if row[1] != ABSENT or not partial]
+    return [row for row in rows if row[1] != ABSENT or not {"log", "velocity"} & summary.keys()]
 
 
 def _row(summary: Mapping[str, Any], metric: Metric) -> tuple[str, ...]:
@@ -95,5 +94,5 @@ def _sentence(summary: Mapping[str, Any]) -> str:
         return f"{walked}, {factor}; no QP was reported."
     seconds = (solver["time_median"], solver["time_p99"])
     median, most = (format_number(None if time is None else 1e6 * time, 3) for time in seconds)
-    times = f"median {median} us, 99th percentile {most} us"
+    times = f"median {median} µs, 99th percentile {most} µs"
     return f"{walked}, {factor}; {solver['ticks']} QPs, {solver['unsolved']} unsolved, {times}."

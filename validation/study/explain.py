@@ -126,7 +126,7 @@ class Case:
         old, new = self.request.run, changed.request.run
         pairs = {key: (old.value(key), new.value(key)) for key in FIELDS if old.value(key) != new.value(key)}
         if change.layer == "motors" and not pairs:
-            return f"without torque limits ({self.strained} needs most)"
+            return f"without torque limits ({self.strained.replace('_', ' ')} needs most)"
         most = nlargest(_SHOWN, pairs, key=lambda key: _difference(*pairs[key]))
         shown = [f"{key} {' to '.join(map(format_value, pairs[key]))}" for key in most]
         shown += [f"{len(pairs) - _SHOWN} more"] if len(pairs) > _SHOWN else []
@@ -159,7 +159,7 @@ def walk_case(case: Case) -> Row:
         if math.isnan(item.value):
             continue
         used = min(item.value / item.tolerance if item.tolerance else 2.0 * (item.value > 0.0), _MOST_USED)
-        text = f"{item} ({used:.0%})" if item.tolerance else item.against
+        text = f"{item} ({100 * used:.0f} %)" if item.tolerance else item.against
         metrics[item.name] = {"label": item.label, "text": text, "used": used}
     shares = [item["used"] for item in metrics.values()]
     excess = sum((max(share - 1.0, 0.0) for share in shares), 0.0)
@@ -255,7 +255,7 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
         before, after = trial["tightest"], best["tightest"]
         if not best["passed"] or after > before - _LEAST_GAIN:
             return "", "It passes, and no layer costs margin."
-        shares = f"{after:.0%} of the tightest limit is used instead of {before:.0%}"
+        shares = f"{100 * after:.0f} % of the tightest limit is used instead of {100 * before:.0f} %"
         return "", f"It passes. Most of the margin is lost to the {best['layer']}: {best['text']} {shares}."
     if not trial["excess"]:
         return "", "No limit is broken; too little was measured."
@@ -272,8 +272,8 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
         return layer, f"The {layer}: {text} it passes."
     left = best["excess"] / trial["excess"]
     if left > 1.0 - _LEAST_GAIN:
-        return "", f"Nothing restores the pass, or takes {_LEAST_GAIN:.0%} of the excess."
-    rest = f"{left:.0%} of the excess is left"
+        return "", f"Nothing restores the pass, or takes {100 * _LEAST_GAIN:.0f} % of the excess."
+    rest = f"{100 * left:.0f} % of the excess is left"
     if best["outcome"] == OutcomeName.COMPLETED != trial["outcome"]:
         rest = f"it is completed, with the verdict {_verdict(best)}"
     said = f"Nothing restores the pass; {text} {rest}."

@@ -253,7 +253,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
         usual = _median(pace[np.array(tasks) == place[0]])
         faster = _median(pace[done]) / usual - 1.0
         if usual >= STANDING and abs(faster) > SAME_PACE:
-            notes.append(f"{abs(faster):.0%} {'faster' if faster > 0.0 else 'slower'} than the task's median")
+            notes.append(f"{100 * abs(faster):.0f} % {'faster' if faster > 0 else 'slower'} than the median")
         cells.append(
             TaskResult(
                 *place,

@@ -363,7 +363,7 @@ class ClosedLoop:
             robot, q = self.physics.robot, self.physics.body.q[7:]
             share = np.abs(self.command.torque) / robot.torque_limit
             room = np.minimum(q - robot.lower, robot.upper - q)
-            limit = f"{robot.joint_names[share.argmax()]} at {share.max():.0%} of its torque"
+            limit = f"{robot.joint_names[share.argmax()]} at {100 * share.max():.0f} % of its torque"
             if share.max() < 0.99:  # it was the other one
                 limit = f"{robot.joint_names[room.argmin()]} {room.min():.2g} rad from its end"
         return self.watch.check(k * self.physics.time_step, status, residual=residual, limit=limit)

@@ -148,7 +148,7 @@ class Watch:
         elif lean > FIRST_TILT:
             sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's {at}"
         elif status == LIMITED:
-            sign = f"a torque or joint limit {at} ({limit})"
+            sign = f"a torque or joint limit {at} ({limit.replace('_', ' ')})"
         if sign:
             self._first_sign, self._last_sign = self._first_sign or sign, time
         elif time - self._last_sign > CALM:
