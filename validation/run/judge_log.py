@@ -125,7 +125,7 @@ def log_columns(
     path = Path(table)
     if not path.exists():
         raise InputError(f"there is no file and no folder {str(path)!r}; correct the name.")
-    read = _measured if names_folder(path) else reader_of(path) or read_columns
+    read = _measured if path.is_dir() else reader_of(path) or read_columns
     return map_columns(read(path), mapping or {}), path.name
 
 
