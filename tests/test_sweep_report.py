@@ -36,13 +36,10 @@ def html(folder):
     return (folder / RunFile.REPORT).read_text(encoding="utf-8")
 
 
-def test_page_is_self_contained(folder, html):
+def test_page_is_self_contained_and_says_what_the_table_says_escaped(folder, html):
     links = [link for link in assert_self_contained(html).links if not link.startswith(("#", "data:"))]
     assert links
     assert all(link.startswith("recordings/") and (folder / link).is_file() for link in links)
-
-
-def test_page_says_what_the_table_says(folder, html):
     sweep = read_sweep(folder)
     top, _, below = " ".join(Page(html).text.split()).partition("Where it passes")
     assert judge_sweep(sweep)[2] in top
@@ -50,6 +47,9 @@ def test_page_says_what_the_table_says(folder, html):
     assert "run 009: the legs are too short; shorten the step." in top
     for picture in draw_sweep(sweep):
         assert picture.text in below
+    table = replaced(make_table(40), "cause", ["<img src=x onerror=alert(1)>"] * 40)
+    assert "<img src=x" not in render(sweep_of(table))
+    assert "a &lt;/script&gt; broke" in html
 
 
 def test_every_run_is_drawn_in_the_colour_of_its_state(folder):
@@ -129,12 +129,6 @@ def test_only_links_beside_the_page(name, tmp_path):
     pq.write_table(table, tmp_path / "results.parquet")
     assert len(rows := worst_runs(read_sweep(tmp_path)).rows) == 5
     assert "href" not in str(rows)
-
-
-def test_text_is_escaped(html):
-    table = replaced(make_table(40), "cause", ["<img src=x onerror=alert(1)>"] * 40)
-    assert "<img src=x" not in render(sweep_of(table))
-    assert "a &lt;/script&gt; broke" in html
 
 
 def test_forces_are_judged_in_body_weights_and_a_tolerance_may_be_zero():

@@ -30,6 +30,7 @@ def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     assert "zmp_x_rmse" not in summary["metrics"]
     np.testing.assert_allclose(summary["velocity"]["measured"], 0.0, atol=1e-6)
     page = (tmp_path / "run/report.html").read_text()
+    assert page.count("<dd>(0, 0) m/s, 0 rad/s</dd>") == page.count("over measured footprints") == 2
     assert "Commanded and measured velocity" in page
     assert "Right joints get the values of the left: right_hip_y low" in page
     assert "error, plan and measurement" not in page

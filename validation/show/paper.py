@@ -85,11 +85,12 @@ def cite_run(saved: SavedRun) -> Citation:
     summary, run = saved.summary, saved.parameters
     body = f"{Path(run.body.source).stem}, {run.body.height:.3g} m, {saved.record.mass:.3g} kg"
     names = f"planner {summary.get('planner') or 'ampm'}, controller {summary.get('controller') or 'ampm'}"
+    how = names.partition(",")[0] if saved.is_log else f"{names}, {run.simulation.engine}"
     steps = saved.record.outcome.steps_completed
     what = "Log beside" if saved.is_log else f"Run of {steps} step{'s' * (steps != 1)},"
     changed = {key: value for key, value in summary.get("changed", {}).items() if key != "body.source"}
     gait = gait_title(summary["gait"], changed)
-    text = f"{what} gait {gait}, body {body}, {names}, {run.simulation.engine}"
+    text = f"{what} gait {gait}, body {body}, {how}"
     return cite(text, summary["environment"], digest_of(saved))
 
 

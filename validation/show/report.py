@@ -26,9 +26,6 @@ from validation.table import Table, format_number, short_unit
 from validation.trial.files import RunFile
 from validation.trial.outcome import SENTENCES, OutcomeName
 
-_OTHERS = ("solver", "motion", "timing", "environment")
-"""Entries of the summary that are shown as they are."""
-
 
 def write_report(run: str | Path | SavedRun) -> Path:
     """Write ``report.html`` into the folder of a finished run, or of a run read from it; returns its path.
@@ -53,7 +50,7 @@ def render(saved: SavedRun) -> str:
         "report.html.j2",
         f"{saved.title}: {headline}",
         saved=saved,
-        verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "",
+        verdict_class="fail" if lost else verdict if verdict in ("pass", "fail") else "open",
         headline=headline,
         reason=short_unit(summary["reason"]),
         outcome_sentence="" if saved.is_log else SENTENCES[outcome.name],
@@ -66,7 +63,7 @@ def render(saved: SavedRun) -> str:
         reported=reported_table(summary),
         split=split_table(summary["zmp_error_split"]),
         parameters=dump_run(saved.parameters),
-        others=dump_json({name: summary[name] for name in _OTHERS}),
+        others=dump_json({name: summary[name] for name in ("solver", "motion", "timing", "environment")}),
         pictures=pictures,
         citation=cite_run(saved),
         events=Table("", ("time", "event"), events),
@@ -91,7 +88,7 @@ def _facts(saved: SavedRun, plan: StepPlan | None) -> dict[str, str]:
     if saved.is_free:
         facts = {"planner": planner}
         for kind, values in summary["velocity"].items():
-            vx, vy, wz = (format_number(value, 3) for value in values)
+            vx, vy, wz = (format_number(value, 3) for value in np.round(np.array(values, float), 4) + 0.0)
             facts[f"{kind} velocity"] = f"({vx}, {vy}) m/s, {wz} rad/s"
     elif not saved.from_rest:  # lengths, times and speed vary otherwise
         if plan is not None:  # a user's planner may make other steps

@@ -68,6 +68,7 @@ class RunFigures:
         self.saved, self.plan, self.signals = saved, plan, saved.signals
         self.window = middle(saved)  # rows of the stride that is shown
         self.weight = saved.record.mass * saved.record.gravity  # [N]
+        self.pushed = " Red: a push." * bool(saved.pushes)  # of captions
 
     def sections(self) -> dict[str, list[Picture]]:
         """All pictures with their numbers, by section, in the order of the page."""
@@ -108,8 +109,9 @@ class RunFigures:
                 chart.line(*decimate(self.signals.time, values), color, width, dash=dash, label=kind)
             low, high = (float(ends[1]) for ends in chart.limits())
             chart.ylim = min(low, -0.1), max(high, 0.1)  # rounding is no velocity
+            self._shade_pushes(chart, self.signals.time)
             chart.name(title, f"[{unit}]")
-        return Picture(charts, "Commanded and measured velocity", wide=True)
+        return Picture(charts, "Commanded and measured velocity", self.pushed.strip(), wide=True)
 
     def tracked(self, name: str, axes: str) -> list[Picture]:
         """The components of a signal that were measured."""
@@ -138,16 +140,13 @@ class RunFigures:
             whole.line(*decimate(signals.time, gap), MEASURED, 0.8)
         for chart in (large, *more):
             _draw_tolerances(chart, self._tolerance(f"{name}_rmse"), self._tolerance(f"{name}_maximum"))
-        self._signal(lower, curve, curve.title)
-        shade_double_support(large, signals, rows)
-        for chart in (large, *more):
             self._shade_pushes(chart, signals.time[[0, -1]] if chart is whole else time)
+        self._signal(lower, curve, curve.title)
+        shade_double_support(large, signals, rows)  # below the pushes
         title = f"Error of {SIGNALS[name].label}"
         large.name(f"{title}, {middle_name(signals)}", f"[{short_unit(unit)}]")
         self._finish_run(whole, f"{title}, whole run", f"[{short_unit(unit)}]")
-        caption = "Grey: double support."
-        if self.saved.pushes:
-            caption += " Red: a push."
+        caption = f"Grey: double support.{self.pushed}"
         if self._tolerance(f"{name}_rmse") is not None:
             caption += " Green: tolerance of the RMS error."
         if curve.reference == "motion":
@@ -168,8 +167,8 @@ class RunFigures:
             if self._has(f"{kind}_{name}"):
                 values, label = curve.values(signals, kind)[rows], kind.replace("_", " ")
                 chart.line(*decimate(time, values), color, width, dash=dash, label=label)
-        shade_double_support(chart, signals, rows)
         self._shade_pushes(chart, time)
+        shade_double_support(chart, signals, rows)
         chart.name(title, f"[{curve.unit}]")
         return chart
 
@@ -198,7 +197,8 @@ class RunFigures:
         for name, part, color, dash in zip(gap.axes, values.T, PARTS, _DASHES, strict=False):
             chart.line(*decimate(self.signals.time, part), color, 0.9, dash=dash, label=name)
         self._finish_run(chart, gap.title, f"[{short_unit(gap.unit)}]")
-        return [Picture(charts, gap.title)]
+        self._shade_pushes(chart, self.signals.time)
+        return [Picture(charts, gap.title, self.pushed.strip())]
 
     def causes(self, axis: str) -> Picture:
         """Causes of the ZMP error over one stride, stacked, with the error itself as a line."""
@@ -213,9 +213,11 @@ class RunFigures:
                 label = labels[k] if labels else ""
                 chart.band(time, tops[k] - half[k], tops[k], color, opacity=1.0, label=label)
         chart.line(time, error, INK, 1.1, label="error")
+        self._shade_pushes(chart, time)
         shade_double_support(chart, self.signals, self.window)
         chart.name("", f"error along {axis} [mm]")
-        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", "Grey: double support.")
+        caption = f"Grey: double support.{self.pushed}"
+        return Picture(charts, f"Causes of the ZMP error along {axis}, stacked", caption)
 
     def top_view(self) -> Picture:
         """ZMP and COM over the footprints, seen from above: steps around the stride, or all from rest."""

@@ -22,7 +22,7 @@ LAST = 1.0
 _ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
 _HEAD = 0.04  # length of an arrow's head [m]
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
-_BESIDE = 0.45  # half the width of a pose's picture [m]
+_BESIDE, _BELOW = 0.45, 0.15  # half the width of a pose's picture, and its depth below the floor [m]
 _WHOLE = 1e3  # radius from which a part of the floor is not drawn: it is the plane [m]
 _OUTLINE = rotations(np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False))[..., 0]
 _GEOM = mujoco.mjtGeom
@@ -96,8 +96,10 @@ def _draw_pose(
     mujoco.mj_kinematics(model, data)
     geoms = drawn_geoms(model)
     for geom in geoms[np.argsort(-data.geom_xpos[geoms, :2] @ axes[:, 1])].tolist():  # the farthest first
-        corners = outline(model, data, geom, plane) - middle
-        chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=FAINT)
+        corners, edge = outline(model, data, geom, plane) - middle, FAINT
+        if not model.geom_bodyid[geom]:  # of the floor what is below this pose
+            corners, edge = np.clip(corners, (at - _BESIDE, floor - _BELOW), (at + _BESIDE, np.inf)), ""
+        chart.area(corners[:, 0], corners[:, 1], colors[geom], opacity=0.35, edge=edge)
     normal, ends = data.geom("floor").xmat[2::3], at + np.array([-_BESIDE, _BESIDE])
     under = float(np.nan_to_num((plane @ [*signals.vector("measured_zmp", "xy")[0], floor] - middle)[0]))
     chart.line(ends, floor - (ends - under) * (normal[:2] @ axes[:, 0]) / normal[2], FAINT, 0.8)

@@ -61,7 +61,7 @@ def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         metric["label"],
         with_uncertainty(value, shown.get("uncertainty")),
-        format_number(limit),
+        format_number(limit, 3),
         short_unit(shown["unit"]),
         format_share(value, limit),
         "undecided" if metric.get("undecided") else verdict[metric["pass"]],

@@ -111,11 +111,12 @@ class SavedRun(Tabled):
         return found
 
     def footprints(self) -> list[tuple[str, Array]]:
-        """Foot and closed outline, shape (N, 3) [m], of the sole in the middle of each single support."""
+        """Foot and closed outline, shape (N, 3) [m], of the soles at first and in each single support."""
         record, found = self.record, []
         for begin, end in pairwise([*self.signals.switches().tolist(), len(self.signals)]):
-            foot = str(self.signals["stance"][begin])
-            if foot in FEET and not self.is_log:
+            stance = str(self.signals["stance"][begin])
+            standing = FEET if stance == "both" and not begin else {stance} & {*FEET}
+            for foot in () if self.is_log else standing:
                 row = np.searchsorted(record.state_rows[:-2], self.signal_steps[(begin + end) // 2])
                 points = record.point_position[row, record.point_foot == FEET.index(foot)]
                 hull = convex_hull(points[:, :2])
@@ -271,9 +272,8 @@ def run_events(saved: SavedRun) -> list[tuple[float, str, str]]:
             first = signals.first_step() if signals.first_step() < len(signals) else 0
             if np.isfinite(error[first:]).any():
                 worst = first + int(np.nanargmax(error[first:]))
-                events.append(
-                    (float(time[worst]), "INFO", f"Largest ZMP error in {axis}: {1e3 * error[worst]:.1f} mm.")
-                )
+                text = f"Largest ZMP error along {axis}: {1e3 * error[worst]:.3g} mm."
+                events.append((float(time[worst]), "INFO", text))
     for segment, begin, end, size in saved.pushes:
         events.append((begin, "WARN", f"A push of up to {size:.4g} N on {segment} for {end - begin:.3g} s."))
     unsolved = record.tick_time[record.qp_status == 2]

@@ -338,14 +338,13 @@ def _stride(step: float, least: float) -> int:
 
 def verdict_markdown(saved: SavedRun) -> str:
     """The verdict and its metrics as Markdown, for the recording's first panel."""
-    summary = saved.summary
-    step = f"{1e3 * saved.record.time_step:g} ms"
+    summary, verdict = saved.summary, saved.summary["verdict"].replace("_", " ")
     parts = [
-        f"# {saved.title}: {summary['verdict']} ({'log' if saved.is_log else saved.record.outcome.name})",
+        f"# {saved.title}: {verdict} ({'log' if saved.is_log else saved.record.outcome.name})",
         summary["reason"],
         saved.table().markdown(),
         "Curves: one sample every 2 ms at most, and both sides of every switch of phase or contact. "
-        f"Every time step ({step}) is in `signals.parquet`.",
+        f"Every time step ({1e3 * saved.record.time_step:g} ms) is in `signals.parquet`.",
     ]
     return plain_text("\n\n".join(parts) + "\n")
 
