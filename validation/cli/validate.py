@@ -110,7 +110,7 @@ def status_of(summary: Mapping[str, Any]) -> Status:
     return statuses.get(summary["verdict"], Status.OUT_OF_TOLERANCE)
 
 
-@app.command(rich_help_panel=options.CHECK)
+@app.command(rich_help_panel=options.CHECK, epilog="Exit status: 0 identical, 1 not, 2 bad input.")
 def replay(directory: Path = typer.Argument(..., help="Folder of a run.", metavar="DIR")) -> int:
     """Repeat a run from its recorded torques, to the bit.
 

@@ -251,7 +251,7 @@ class WalkComparison(Tabled):
         better = "" if best is None else self.sides[best].label
         values = [_shown(value, known) for value, known in zip(row.values, row.known, strict=True)]
         if row.group != OWN:
-            shares = [format_share(share, 1.0) if share < math.inf else "" for share in row.used]
+            shares = map(format_share, row.used, (limit and 1.0 for limit in row.limits))  # none of a limit 0
             values = list(chain(*zip(values, shares, strict=True)))
         return row.label, *values, row.unit, _shown(row.doubt), better
 
