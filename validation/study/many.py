@@ -10,7 +10,7 @@ import inspect
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from importlib.util import resolve_name
@@ -29,7 +29,7 @@ from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
 from validation.study.one_walk import own_classes, users_files
-from validation.study.pool import attempt, connect, open_pool, users_file
+from validation.study.pool import ThisProcess, Workers, connect, open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 
 
@@ -168,10 +168,9 @@ def walk_many(
     total = len(tasks) if isinstance(tasks, Sized) else count
     if scheduler is not None:
         connect(scheduler).close()  # refused before the folder is made
-    elif total:  # no process without a walk
+    elif total:
         workers = min(cores() if workers is None else workers, total)
-    rows, source, ready = RowFile(folder), iter(tasks), list[Task]()
-    outcomes = Counter[str]()
+    rows, outcomes, flying = RowFile(folder), Counter[str](), dict[str, Task]()
 
     def counted(row: Row) -> Row:
         outcomes[row.get("outcome", "finished")] += 1
@@ -190,38 +189,28 @@ def walk_many(
             stage.advance(outcomes.total(), total)
         stage.note(", ".join([*parts, *more]))
 
-    def refill() -> Iterator[Row]:
-        """Take tasks whose rows are known, until one wants a walk or none is left."""
-        while not ready and (task := next(source, None)) is not None:
-            if (row := rows.get(task.key, task.digest)) is not None:
-                yield counted(row)
-            elif task.known is not None:
-                yield finished(task, task.known)
-            else:
-                ready.append(task)
-            show()
+    def landed(pool: Workers | ThisProcess) -> Iterator[Row]:
+        """Wait for walks that end."""
+        for name, columns in pool.wait():
+            yield finished(flying.pop(name), columns)
+        show(*["waiting for workers"] * (not pool.size()))
 
     try:
-        with progress.stage(label, unit) as stage:
-            yield from refill()
-            while workers == 0 and ready:  # in this very process
-                task = ready.pop()
-                yield from refill()
-                yield finished(task, {"worker": "", **attempt(task.work, task.options)})
+        with progress.stage(label, unit) as stage, ExitStack() as opened:
+            pool: Workers | ThisProcess | None = None  # no process without a walk
+            for task in tasks:
+                if (row := rows.get(task.key, task.digest)) is not None:
+                    yield counted(row)
+                elif task.known is not None:
+                    yield finished(task, task.known)
+                else:
+                    pool = pool or opened.enter_context(open_pool(workers, scheduler, limit))
+                    while len(flying) >= pool.size():
+                        yield from landed(pool)
+                    flying[pool.send(task.work, task.options)] = task
                 show()
-            if not ready:
-                return
-            with open_pool(workers, scheduler, limit) as processes:
-                flying: dict[str, Task] = {}
-                while ready or flying:
-                    if ready and len(flying) < processes.size():
-                        task = ready.pop()
-                        flying[processes.send(task.work, task.options)] = task
-                        yield from refill()
-                        continue
-                    for name, columns in processes.wait():
-                        yield finished(flying.pop(name), columns)
-                    show(*["waiting for workers"] * (not processes.size()))
+            while pool is not None and flying:
+                yield from landed(pool)
     except KeyboardInterrupt as error:
         if folder is not None:
             more = "" if execution.get("resume") else " with --resume"

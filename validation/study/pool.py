@@ -67,9 +67,6 @@ Work = Callable[..., Row]
 Options = Mapping[str, Any]
 
 
-# ------------------------------------------------------------------------------------------- on a worker
-
-
 def call(data: bytes, limit: float | None, client_code: str) -> Row:
     """Walk one run on a worker: cloudpickle's bytes of work and options, and a limit of time [s].
 
@@ -133,9 +130,6 @@ def _printable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-# ---------------------------------------------------------------------------------------- users' modules
-
-
 _OURS = [f"{Path(__file__).parents[2]}/{name}" for name in ("ampm", "models", "validation", "benchmarks")]
 _INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
 _KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
@@ -161,9 +155,6 @@ def pickled(value: Any, *, by_value: bool = True) -> bytes:
     finally:
         for module in modules:
             cloudpickle.unregister_pickle_by_value(module)
-
-
-# ------------------------------------------------------------------------------------------ in the client
 
 
 class Workers:
@@ -258,12 +249,34 @@ class Workers:
             ) from error
 
 
+class ThisProcess:
+    """In place of :class:`Workers`, this very process: it walks a run when it is waited for."""
+
+    def size(self) -> int:
+        """One run at a time."""
+        return 1
+
+    def send(self, work: Work, options: Options) -> str:
+        """Keep a run until :meth:`wait`; returns its name."""
+        self._run = work, options
+        return "this process"
+
+    def wait(self) -> Iterator[tuple[str, Row]]:
+        """Name and columns of the run."""
+        yield "this process", {"worker": "", **attempt(*self._run)}
+
+
 @contextmanager
-def open_pool(workers: int | None, scheduler: str | None, limit: float | None) -> Iterator[Workers]:
-    """Processes of this machine, None for one a core, or workers of a dask scheduler.
+def open_pool(
+    workers: int | None, scheduler: str | None, limit: float | None
+) -> Iterator[Workers | ThisProcess]:
+    """Processes of this machine, None for one a core and 0 for this one, or workers of a dask scheduler.
 
     Raises :class:`InputError` if nothing answers at that address.
     """
+    if workers == 0:
+        yield ThisProcess()
+        return
     import dask  # slow to load
     import distributed  # noqa: F401  # sets its defaults once: within `config.set` they would be lost at the end
 
