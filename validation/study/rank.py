@@ -7,7 +7,7 @@ rule.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +26,7 @@ from validation.study.sweep.table import BROKEN, RunState, SweepTable, read_swee
 from validation.table import ABSENT, Table, Tabled, format_number
 from validation.trial.followed import JUDGED_LEAD
 
+Rows = NDArray[np.intp]
 SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
 EFFORT = "energy_cost_of_transport"
@@ -211,72 +212,93 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     if key not in varied:
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
     others = [name for name in varied if name != key]
-    replicas = list(zip(*(table.values(name).tolist() for name in others), strict=True)) or [()] * len(table)
-    errors = np.hypot(*(table.numbers(ahead_column(name, JUDGED_LEAD)) for name in AHEAD))
-    ends_at, groups = table.numbers("outcome_time"), dict[tuple[str, str], list[int]]()
-    completed = np.array(table.words("outcome")) == "completed"
-    pace = np.where(completed, table.numbers("energy_speed"), np.nan)
-    checks = {item.name for item in METRICS.values() if item.is_self_check}
-    failed = (words.split(",") for words in table.words("failed"))
-    unsound = np.array([not checks.isdisjoint(names) for names in failed], dtype=bool)
-    plan_notes = np.array(table.words("plan_note"))
-    is_other = plan_notes != ""  # a walk of other steps, which says nothing about the task
-    meets = completed & (table.numbers("margin_clearance") < 0.0)
-    names, tasks = short_names(table.words(key)), short_names(table.words("gait"))
-    for row, place in enumerate(zip(tasks, names, strict=True)):
-        groups.setdefault(place, []).append(row)
-    cells, causes, extremes = [], table.words("cause"), dict[str, int]()
-    refused = table.is_state(RunState.REFUSED)
-    walkable = {(tasks[row], replicas[row]) for row in np.flatnonzero(~refused)}
-    for place, found in groups.items():
-        rows = np.array(found)
-        expected = np.array([(place[0], replicas[row]) in walkable for row in found])  # some planner walks it
-        counted = rows[expected & ~refused[rows].all()]  # no run of a task that this planner leaves out
-        counted = counted[~(unsound | is_other)[counted]]  # the numbers of unsound ones are not reliable
-        if table.is_state(RunState.REFUSED, *BROKEN)[counted].all():  # no answer about its walk
-            counted = counted[:0]
-        keys = {row: (ends_at[row], errors[row]) if errors[row] >= 0.0 else row for row in counted.tolist()}
-        first = {keys[row]: row for row in reversed(keys)}  # runs without an error are never equal
-        distinct = np.array(sorted(first.values()), dtype=int)
-        done = distinct[completed[distinct]]
-        states = RunState.NOT_MEASURED, RunState.REFUSED, *BROKEN
-        ends = [(state, rows[table.is_state(state)[rows]]) for state in states]
-        notes = [f"{len(at)} {end.label}: {causes[at[0]]}" for end, at in ends if at.size]
-        if wrong := np.count_nonzero(unsound[rows]):
-            notes.append(f"{wrong} fail a check of the measurement and do not count")
-        if other := rows[is_other[rows]].tolist():
-            notes.append(f"{len(other)} of other steps than the task's do not count: {plan_notes[other[0]]}")
-        if met := np.count_nonzero(meets[done]):
-            notes.append(f"in {met} of those that survived parts of the body pass through each other")
-        if equal := len(counted) - len(distinct):
-            notes.append(f"{equal} equal another one to the bit: they count once")
-        usual = _median(pace[np.array(tasks) == place[0]])
-        faster = _median(pace[done]) / usual - 1.0
-        if usual >= STANDING and abs(faster) > SAME_PACE:
-            notes.append(f"{100 * abs(faster):.0f} % {'faster' if faster > 0 else 'slower'} than the median")
-        cells.append(
-            TaskResult(
-                *place,
-                runs=len(distinct),
-                survived=len(done),
-                error=_median(errors[done]),
-                effort=_median(table.numbers(EFFORT)[done]),
-                notes=tuple(notes),
-                errors={replicas[row]: float(errors[row]) for row in done if np.isfinite(errors[row])},
-                completed=[(replicas[row], bool(completed[row])) for row in distinct],
-                replicas=frozenset(replicas[row] for row in counted),
-            )
-        )
-    numbers = table.table["run"].to_pylist()
-    for name in dict.fromkeys(names):
-        mine = [row for row in table.worst if names[row] == name]
-        done = [row for row in mine if completed[row] and not (unsound | is_other)[row]]
-        folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # a file of a user has its whole path as its name
-        best = min(done, key=np.nan_to_num(errors, nan=np.inf).__getitem__, default=None)
-        extremes |= {} if best is None else {f"{folder}-best": numbers[best]}
-        extremes |= {f"{folder}-worst": numbers[mine[0]]} if mine else {}
+    runs = _Runs(table, key, others)
+    cells = tuple(runs.result(*place) for place in dict.fromkeys(runs.places))
     engines = others.index(ENGINE_KEY) if ENGINE_KEY in others else None
-    return Ranking(key, tuple(cells), engines, extremes, table.planned, len(table))
+    return Ranking(key, cells, engines, runs.extremes(), table.planned, len(table))
+
+
+class _Runs:
+    """The runs of a sweep, as they are ranked; lists and arrays have an entry for each of N."""
+
+    def __init__(self, table: SweepTable, key: str, others: Sequence[str]) -> None:
+        self.table = table
+        self.names, self.tasks = short_names(table.words(key)), short_names(table.words("gait"))
+        self.places = list(zip(self.tasks, self.names, strict=True))
+        replicas = zip(*(table.values(name).tolist() for name in others), strict=True)
+        self.replicas = list(replicas) or [()] * len(table)
+        self.errors = np.hypot(*(table.numbers(ahead_column(name, JUDGED_LEAD)) for name in AHEAD))
+        self.completed = np.array(table.words("outcome")) == "completed"
+        self.pace = np.where(self.completed, table.numbers("energy_speed"), np.nan)
+        checks = {item.name for item in METRICS.values() if item.is_self_check}
+        failed = (words.split(",") for words in table.words("failed"))
+        self.unsound = np.array([not checks.isdisjoint(names) for names in failed], dtype=bool)
+        self.plan_notes, self.causes = np.array(table.words("plan_note")), table.words("cause")
+        self.is_other = self.plan_notes != ""  # walks of other steps, which say nothing about the task
+        self.refused = table.is_state(RunState.REFUSED)
+        walked = np.flatnonzero(~self.refused)
+        self.walkable = {(self.tasks[row], self.replicas[row]) for row in walked}  # by some planner
+
+    def result(self, task: str, name: str) -> TaskResult:
+        """All walks of a planner in a task."""
+        rows = np.array([row for row, place in enumerate(self.places) if place == (task, name)])
+        replicas = self.replicas
+        expected = np.array([(task, replicas[row]) in self.walkable for row in rows])
+        counted = rows[expected & ~self.refused[rows].all()]  # no run of a task that this planner leaves out
+        counted = counted[~(self.unsound | self.is_other)[counted]]  # unsound numbers are not reliable
+        if self.table.is_state(RunState.REFUSED, *BROKEN)[counted].all():  # no answer about its walk
+            counted = counted[:0]
+        distinct = self._distinct(counted)
+        done = distinct[self.completed[distinct]]
+        return TaskResult(
+            task,
+            name,
+            runs=len(distinct),
+            survived=len(done),
+            error=_median(self.errors[done]),
+            effort=_median(self.table.numbers(EFFORT)[done]),
+            notes=tuple(self._notes(task, rows, done, len(counted) - len(distinct))),
+            errors={replicas[row]: float(self.errors[row]) for row in done if np.isfinite(self.errors[row])},
+            completed=[(replicas[row], bool(self.completed[row])) for row in distinct],
+            replicas=frozenset(replicas[row] for row in counted),
+        )
+
+    def _distinct(self, rows: Rows) -> Rows:
+        """The first of rows that are equal to the bit; those without an error are never equal."""
+        ends, errors = self.table.numbers("outcome_time"), self.errors
+        keys = {row: (ends[row], errors[row]) if errors[row] >= 0.0 else row for row in rows.tolist()}
+        return np.array(sorted({keys[row]: row for row in reversed(keys)}.values()), dtype=np.intp)
+
+    def _notes(self, task: str, rows: Rows, done: Rows, equal: int) -> Iterator[str]:
+        """How runs of a planner in a task ended otherwise, and what is special of those that completed."""
+        for state in (RunState.NOT_MEASURED, RunState.REFUSED, *BROKEN):
+            if (at := rows[self.table.is_state(state)[rows]]).size:
+                yield f"{len(at)} {state.label}: {self.causes[at[0]]}"
+        if wrong := np.count_nonzero(self.unsound[rows]):
+            yield f"{wrong} fail a check of the measurement and do not count"
+        if other := rows[self.is_other[rows]].tolist():
+            words = f"of other steps than the task's do not count: {self.plan_notes[other[0]]}"
+            yield f"{len(other)} {words}"
+        if met := np.count_nonzero(self.table.numbers("margin_clearance")[done] < 0.0):
+            yield f"in {met} of those that survived parts of the body pass through each other"
+        if equal:
+            yield f"{equal} equal another one to the bit: they count once"
+        usual = _median(self.pace[np.array(self.tasks) == task])
+        faster = _median(self.pace[done]) / usual - 1.0
+        if usual >= STANDING and abs(faster) > SAME_PACE:
+            yield f"{100 * abs(faster):.0f} % {'faster' if faster > 0 else 'slower'} than the median"
+
+    def extremes(self) -> dict[str, int]:
+        """Number of the best and of the worst run of each planner, by its name as that of a folder."""
+        found, numbers = dict[str, int](), self.table.table["run"].to_pylist()
+        for name in dict.fromkeys(self.names):
+            rows = [row for row in self.table.worst if self.names[row] == name]
+            done = [row for row in rows if self.completed[row] and not (self.unsound | self.is_other)[row]]
+            folder = re.sub(r"[^\w.-]+", "_", name).strip("_.")  # that of a user's file is its whole path
+            best = min(done, key=np.nan_to_num(self.errors, nan=np.inf).__getitem__, default=None)
+            found |= {} if best is None else {f"{folder}-best": numbers[best]}
+            found |= {f"{folder}-worst": numbers[rows[0]]} if rows else {}
+        return found
 
 
 def _median(values: NDArray[np.float64]) -> float:
