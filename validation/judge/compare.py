@@ -184,49 +184,26 @@ def compare(
     first = None
     if followed.moved:
         planned, first = followed.at(time, followed.lead), followed.plans[0].rows.at(time)
-    command = plan.command
-    if command is not None:
+    if plan.command is not None:
         planned = valid = planned.without_plan(measured_supports(record)[0])
-    phase = planned.phase
-    begin = np.array([item.plan.judged_from for item in followed.plans])[followed.planner(time)]
-    if pushed := push_rows(record):  # a slow first step does not hide a push
-        begin = np.minimum(begin, time[pushed[0][0]])
-    run, feet = np.logical_or.accumulate(time >= begin - 1e-9), measured.foot_contact.sum(axis=1)
-    rows = {
-        RUN: run,
-        "first_step": ~run,
-        "single_support": run & (phase == 0),
-        "double_support": run & (phase == 1),
-        "measured_single_support": run & (feet == 1),
-        "measured_double_support": run & (feet == 2),
-        "measured_flight": run & (measured.force[:, 2] <= 0.0),
-    }
-    for array in rows.values():
-        array.setflags(write=False)
-    scales = {"body_weight": measured.weight, "foot_length": (description or plan.feet).sole.length}
+    rows = _windows(followed, planned, record, measured)
+    run = rows[RUN]
     costs: dict[str, Mapping[str, Any]] = {
         "effort": feedback_effort(record, valid, run),
         "margins": margins(followed, record, measured, description, shapes),
         "energy": energy(record, run),
     }
-    if command is not None:
-        late = time >= 0.5 * (command.settling + command.duration)
+    if plan.command is not None:
+        late = time >= 0.5 * (plan.command.settling + plan.command.duration)
         mean = heading_velocity(record)[late].mean(axis=0) if late.any() else np.full(3, np.nan)
-        costs["velocity"] = {"commanded": command.at(math.inf), "measured": tuple(mean.tolist())}
-
-    def errors(planned: PlanRows, windows: Mapping[str, Flags]) -> dict[str, Mapping[str, Statistics]]:
-        """Errors of all signals in some windows."""
-        found: dict[str, Mapping[str, Statistics]] = {}
-        for name, (value, reference) in signal_pairs(planned, measured, record).items():
-            error = value - reference
-            of = {window: statistics(error[w], reference[w], each[w]) for window, w in windows.items()}
-            found[name] = MappingProxyType(of)
-        return found
-
-    signals, ahead = errors(planned, rows), {}
+        costs["velocity"] = {"commanded": plan.command.at(math.inf), "measured": tuple(mean.tolist())}
+    signals, ahead = _errors(signal_pairs(planned, measured, record), rows, each), {}
     for lead in LEADS:
-        judged = errors(followed.at(time, lead), {RUN: run}) if followed.moved else signals
-        ahead[lead] = MappingProxyType({name: of[RUN].rmse for name, of in judged.items()})
+        judged = signals
+        if followed.moved:
+            judged = _errors(signal_pairs(followed.at(time, lead), measured, record), {RUN: run}, each)
+        ahead[lead] = MappingProxyType({name: windows[RUN].rmse for name, windows in judged.items()})
+    scales = {"body_weight": measured.weight, "foot_length": (description or plan.feet).sole.length}
     return Comparison(
         plan=plan,
         record=record,
@@ -236,12 +213,47 @@ def compare(
         scales=MappingProxyType(scales),
         signals=MappingProxyType(signals),
         zmp_split=_split_zmp_error(planned, measured, run),
-        costs=MappingProxyType({name: MappingProxyType(of) for name, of in costs.items()}),
+        costs=MappingProxyType({name: MappingProxyType(cost) for name, cost in costs.items()}),
         followed=followed,
         valid=valid,
         ahead=MappingProxyType(ahead),
         first=first,
     )
+
+
+def _windows(
+    followed: Followed, planned: PlanRows, record: SimulationRecord, measured: MeasuredGait
+) -> dict[str, Flags]:
+    """Rows of every window, shape (K,), read-only."""
+    time, feet = measured.time, measured.foot_contact.sum(axis=1)
+    begin = np.array([item.plan.judged_from for item in followed.plans])[followed.planner(time)]
+    if pushed := push_rows(record):  # a slow first step does not hide a push
+        begin = np.minimum(begin, time[pushed[0][0]])
+    run = np.logical_or.accumulate(time >= begin - 1e-9)
+    rows = {
+        RUN: run,
+        "first_step": ~run,
+        "single_support": run & (planned.phase == 0),
+        "double_support": run & (planned.phase == 1),
+        "measured_single_support": run & (feet == 1),
+        "measured_double_support": run & (feet == 2),
+        "measured_flight": run & (measured.force[:, 2] <= 0.0),
+    }
+    for array in rows.values():
+        array.setflags(write=False)
+    return rows
+
+
+def _errors(
+    pairs: Mapping[str, tuple[Array, Array]], windows: Mapping[str, Flags], counts: Array
+) -> dict[str, Mapping[str, Statistics]]:
+    """Errors of all :func:`signal_pairs` in some windows."""
+    found: dict[str, Mapping[str, Statistics]] = {}
+    for name, (value, reference) in pairs.items():
+        error = value - reference
+        parts = {window: statistics(error[w], reference[w], counts[w]) for window, w in windows.items()}
+        found[name] = MappingProxyType(parts)
+    return found
 
 
 def signal_pairs(

@@ -148,11 +148,6 @@ class Verdict:
         """Metrics out of tolerance."""
         return tuple(item for item in self.metrics if item.passed is False)
 
-    @property
-    def undecided(self) -> tuple[MetricResult, ...]:
-        """Metrics closer to their tolerance than their numerical uncertainty or their spread."""
-        return tuple(item for item in self.metrics if item.undecided)
-
 
 def judge(
     metrics: Mapping[str, float],

@@ -181,34 +181,11 @@ def _aligned(
         raise InputError(
             f"{log.name} lasts {log.duration:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log."
         )
-    share = float(log.signals["force"][:, 2].mean()) / log.weight
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
-    notes = [
-        f"{log.name}: {log.time.size} rows at {facts['rate']:.4g} Hz; the mean vertical force is "
-        f"{100 * share:.1f} % of the plan's weight."
-    ]
-    if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
-        of = f"{gaps.size} of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
-        notes.append(f"Gaps that are left out: {of}.")
-    if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
-        notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
-    if log.unsupported:
-        notes.append(log.unsupported)
-    whole, spreads = log, []
+    measured, notes = log, _notes_on_rows(log)
     if strides:
-        log, mean = mean_stride(log, plan)
-        facts["strides"], many = mean, mean["count"] > 1
-        for name, values in mean["spreads"].items():
-            factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, log.weight)
-            numbers = "/".join(f"{factor * value:.3g}" for value in values)
-            spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
-        notes.append(
-            f"Mean of {mean['count']} stride{'s' * many} of {mean['duration']:.4g} s at {mean['speed']:.3g} "
-            f"m/s, over the share of the stride; the plan's have {2.0 * plan.constants.step_duration:.4g} s "
-            f"and {plan.constants.mean_velocity:.3g} m/s."
-            + f" Standard deviation between strides, x/y/z: {', '.join(spreads)}."
-            * many
-        )
+        log, facts["strides"] = mean_stride(log, plan)
+        notes.append(_note_on_strides(facts["strides"], plan, log.weight))
     else:
         if start is None:
             start, facts["correlation"] = find_start(log, plan)
@@ -229,13 +206,8 @@ def _aligned(
             f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
-    source = whole if strides else judged
-    empty = np.isnan(source.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
     late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
-    lost = source.lost[1:].sum() + min(source.lost[0], max(late, 0.0))
-    light = source.counts @ (source.signals["force"][:, 2] < LOADED * source.weight) if strides else 0.0
-    left_out = (lost + source.time_step * light) / (source.duration + lost)  # while nothing carries it, too
-    facts |= {"left_out": float(left_out), "empty": float(empty.mean())}
+    facts |= _missing(measured if strides else judged, late, strides=strides)
     _check_phases(judged, plan)
     by, mean_of, turn = find_place(judged, plan)
     if place is not None:
@@ -256,3 +228,46 @@ def _aligned(
         f"judged from {judged.time[0]:.3f} s."
     )
     return log.moved(by), {**facts, "notes": notes}
+
+
+def _notes_on_rows(log: Log) -> list[str]:
+    """Sentences on rate, force and gaps of a log."""
+    share = float(log.signals["force"][:, 2].mean()) / log.weight
+    notes = [
+        f"{log.name}: {log.time.size} rows at {1.0 / log.time_step:.4g} Hz; the mean vertical force is "
+        f"{100 * share:.1f} % of the plan's weight."
+    ]
+    if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
+        of = f"{gaps.size} of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
+        notes.append(f"Gaps that are left out: {of}.")
+    if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
+        notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
+    return [*notes, log.unsupported] if log.unsupported else notes
+
+
+def _note_on_strides(mean: Mapping[str, Any], plan: WalkPlan, weight: float) -> str:
+    """A sentence on the facts of :func:`mean_stride`, for a body with a weight [N]."""
+    spreads = []
+    for name, values in mean["spreads"].items() if mean["count"] > 1 else ():
+        factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, weight)
+        numbers = "/".join(f"{factor * value:.3g}" for value in values)
+        spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
+    return (
+        f"Mean of {mean['count']} stride{'s' * (mean['count'] > 1)} of {mean['duration']:.4g} s at "
+        f"{mean['speed']:.3g} m/s, over the share of the stride; the plan's have "
+        f"{2.0 * plan.constants.step_duration:.4g} s and {plan.constants.mean_velocity:.3g} m/s."
+        + f" Standard deviation between strides, x/y/z: {', '.join(spreads)}."
+        * bool(spreads)
+    )
+
+
+def _missing(log: Log, late: float, *, strides: bool) -> dict[str, float]:
+    """Shares of a log's time that are left out, and of its rows without angular momentum [1].
+
+    It begins ``late`` [s]. Of strides the time is left out, too, while nothing carries the body.
+    """
+    lost = log.lost[1:].sum() + min(log.lost[0], max(late, 0.0))
+    light = log.counts @ (log.signals["force"][:, 2] < LOADED * log.weight) if strides else 0.0
+    empty = np.isnan(log.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
+    left_out = (lost + log.time_step * light) / (log.duration + lost)
+    return {"left_out": float(left_out), "empty": float(empty.mean())}
