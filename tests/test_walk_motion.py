@@ -42,7 +42,7 @@ def test_followed_torques_ranges_and_distances_are_those_of_the_walk() -> None:
     rates = np.abs(record.qd[:, 6:]).max(axis=0)
     np.testing.assert_allclose(np.nanmax(np.abs(walk.rate), axis=0)[knees], rates[knees], rtol=0.05)
     clearance = trial.comparison.costs["margins"]["clearance"].value
-    assert walk.closest[0] == pytest.approx(clearance, abs=2e-3)
+    assert walk.closest.value == pytest.approx(clearance, abs=2e-3)
 
 
 @pytest.mark.parametrize("landing", [4.7, 6.0])

@@ -23,7 +23,7 @@ from ampm.planner.contacts import read_only
 from ampm.walk import Posture, PostureState
 
 if TYPE_CHECKING:
-    from ampm.body.robot import Robot
+    from ampm.body.robot import Gaps, Robot
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,12 @@ class Extreme:
         filled = np.where(known, values, -np.inf if largest else np.inf)
         row, column = divmod(int(filled.argmax() if largest else filled.argmin()), values.shape[1])
         return cls(float(values[row, column]), float(time[row]), names[column] if names else "")
+
+    @classmethod
+    def of_gaps(cls, gaps: Gaps, time: Array) -> Extreme:
+        """Least distance of two parts of a body at T times [m]."""
+        closest = int(gaps.distance.argmin())
+        return cls(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
 
 
 @dataclass(frozen=True)

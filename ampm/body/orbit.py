@@ -125,8 +125,6 @@ def _motion(
     robot, step, time = step_map.ik.robot, orbit.trajectory, step_map.reference.time
     angles = step.q[:, 7:]
     margins = np.minimum(angles - robot.lower, robot.upper - angles)
-    gaps = robot.step_gaps(step.q[::2])
-    closest = int(gaps.distance.argmin())
     report = MotionReport(
         angular_momentum_y_offset=step_map.decode(orbit.z)[2],
         residual=step_map.size(step_map.residual(orbit.z, step)),
@@ -134,7 +132,7 @@ def _motion(
         multipliers=multipliers,
         knee_minimum=Extreme.of(robot.knee_flexion(step.q), time, ("left", "right")),
         joint_limit_margin=Extreme.of(margins, time, robot.joint_names),
-        clearance=Extreme(float(gaps.distance[closest]), float(time[2 * closest]), gaps.parts[closest]),
+        clearance=Extreme.of_gaps(robot.step_gaps(step.q[::2]), time[::2]),
     )
     contacts = plan.contacts
     return WholeBodyMotion(robot.joint_names, time, *step, contacts.step_length, contacts.step_rise, report)

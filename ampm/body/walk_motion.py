@@ -16,6 +16,7 @@ from ampm.body.constant_posture import ConstantPosture, turned
 from ampm.body.feasibility import joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import AT_LEAST, AT_MOST, CLEARANCE, Limit, check
+from ampm.body.motion import Extreme
 from ampm.body.robot import ROLLS, Robot
 from ampm.body.step_kinematics import StepTrajectory
 from ampm.body.step_reference import StepReference, step_reference
@@ -71,8 +72,7 @@ class _WalkMotion(NamedTuple):
     share: Array
     rate: Array  # rates of the hinges, shape (T, nu) [rad/s]
     beyond: Array  # sideward angle of the ankles beyond their range, 0 of other hinges, shape (T, nu) [rad]
-    # least distance of two parts until a leg does not reach [m], when [s], and their names
-    closest: tuple[float, float, str]
+    closest: Extreme  # least distance of two parts until a leg does not reach [m]
     # pieces in which a leg does not reach: begin and end [s], and why
     lost: list[tuple[float, float, Unreachable]]
 
@@ -147,7 +147,7 @@ def _walk_limits(plan: StepPlan, walk: _WalkMotion, robot: Robot) -> Iterator[tu
         most = (_LOST_STANDING if stands else _LOST) if robot.description.sole.has_toes else 0.0
         yield Limit(what, "s", most, AT_MOST, "leg_too_short", less), lost
 
-    distance, when, parts = walk.closest
+    distance, when, parts = walk.closest.value, walk.closest.time or 0.0, walk.closest.where
     what, reason = f"{at(when)} {parts} come too close: their distance", "self_collision"
     turn = "turn the toes out, by 0.1 rad for example, or in if they are out, "
     turn_less = ", or turn less" if np.ptp(contacts.headings) else ""
@@ -278,9 +278,7 @@ def _follow(plan: StepPlan, posture: ConstantPosture, run: RunParameters, robot:
     sideward = np.isin(robot.joint_names, joint_groups(robot.description)["ankle"])
     sideward &= (np.abs(robot.jacobian(posture.q).jacobian[ROLLS, 6:]) > math.sqrt(0.5)).any(axis=0)
     beyond = np.where(sideward, np.maximum(np.maximum(robot.lower - angle, angle - robot.upper), 0.0), 0.0)
-    gaps = robot.gaps(np.concatenate(reached))
-    k = int(gaps.distance.argmin())
-    closest = float(gaps.distance[k]), float(np.append(time[:1], time[::2])[k]), gaps.parts[k]
+    closest = Extreme.of_gaps(robot.gaps(np.concatenate(reached)), np.append(time[:1], time[::2]))
     return _WalkMotion(time, share, rate, beyond, closest, lost)
 
 

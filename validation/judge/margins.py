@@ -20,14 +20,11 @@ from validation.trial.shapes import Shapes
 
 SATURATED = 0.999
 """Share of its limit from which a motor counts as saturated [1]."""
-
 STANDING = 0.05
 """Mean speed of the COM on the floor below which a body stands, and has no cost of transport [m/s]."""
-
 CLEARANCE_ROWS = 2
 """Clearance is measured at every second state on disk, so every 20 ms: at 10 m/s^2 half a millimetre is
 lost."""
-
 _TILTED = 0.5  # tilt of pelvis or trunk that is warned of [rad]
 
 
@@ -169,6 +166,4 @@ def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
     if not shapes:
         return Extreme(math.nan)
     q, time = _postures(record)
-    gaps = shapes.recorded_gaps(q)
-    closest = int(gaps.distance.argmin())
-    return Extreme(float(gaps.distance[closest]), float(time[closest]), gaps.parts[closest])
+    return Extreme.of_gaps(shapes.recorded_gaps(q), time)
