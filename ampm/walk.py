@@ -34,11 +34,9 @@ class Posture(Protocol):
 
         A walk begins in the state at time 0, which meets the plan's COM, momentum and feet.
         """
-        ...
 
     def report(self) -> dict[str, Any]:
         """Values for the summary of a trial, as plain values; may be empty."""
-        ...
 
 
 class SampledWalk(NamedTuple):
@@ -143,7 +141,6 @@ class Planner(Protocol):
         Raises:
             InputError, MathematicalRefusal, BodilyRefusal: there is no such walk.
         """
-        ...
 
 
 class State(NamedTuple):
@@ -206,7 +203,6 @@ class Replanner(Planner, Protocol):
             A plan on the same clock, which covers ``time`` and what comes after it. Of a run with footsteps
             it has no fewer steps, and steps on each to 0.2 m.
         """
-        ...
 
 
 class ControlOutput(NamedTuple):
@@ -256,7 +252,6 @@ class Controller(Protocol):
             touch: what the soles sense.
             reference: what is planned at this instant.
         """
-        ...
 
 
 ControllerFactory = Callable[..., Controller]

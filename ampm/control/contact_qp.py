@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.body.robot import L_Z
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.qp import QPProblem, QPSettings, QPSolver
@@ -31,30 +32,21 @@ from ampm.linear import add_combination, substitute, triangular
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over
 the foot's planned share of the load, so that each foot uses the same share of its friction."""
-
 LEAST_LOAD = 0.005
 """Least share of the load in that cost [1]."""
-
 TIP_COST = 6.0
 """Regularisation of the toe tips' normal forces: the light toe segment yields under load, so it follows the
 floor unless the ZMP needs it."""
-
 LOAD_COST = 30.0
 """Cost of deviating from the planned share of the load between the feet, also for a foot that touches
 early."""
-
 YAW_COST = 0.3
 """Weight of the influence of the posture on the vertical moment, which no plan has: far below the momentum's,
 or a yaw that the friction cannot give would move the ZMP."""
-
 TWIST_SHARE = 0.5
 """Share of the friction at its points with which a foot may twist; the rest is left for the forces along."""
-
 MOMENTUM_SLACK = np.repeat([1.0, ANGULAR], 3) / np.sqrt([1e4, 1e4, 1e4, 4e3, 4e3, 0.04])
 """Scale of the slacks: linear and horizontal angular momentum far above everything else, L_z far below."""
-
-L_Z = 5
-"""Row of the vertical angular momentum."""
 _CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
 """Bounds of a foot's tangential forces and twist: a pyramid with its edges on the cone, along x and y."""
 

@@ -16,16 +16,12 @@ from ampm.vectors import cross, put, times, vector
 
 TWIST_ARM = 0.1
 """Lever that turns a twisting moment into a force of the size of the others [m]."""
-
 NORMAL_COST = 0.6
 """Regularisation of normal forces."""
-
 LARGEST_NORMAL = 1.2
 """Largest normal force of one point [m g]: it carries the weight where the ZMP is in a corner of the sole."""
-
 LEAST_NORMAL = 0.004
 """Least normal force of an open point [m g]: enough to keep it from chattering on a compliant floor."""
-
 _LEAST_OPENING = 1e-3  # in the shares, so that a foot with all points closed has some
 
 

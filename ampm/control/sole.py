@@ -15,7 +15,6 @@ OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
 TRUNK_SHARE, TRUNK_LEAST, TRUNK_LEAN = 0.8, 0.08, 1.0
 """What the trunk may take of the sole first: a share of it [1], at least so much [m], or per its lean [m]."""
-
 ACROSS = 3.0
 """Distances across the foot count this much more than those along it, to bring the ZMP into the sole [1]."""
 

@@ -168,8 +168,7 @@ def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
     if landing:
         land(work, load_age)
-    right_load = work.wanted.right_load[0]
-    fill_qp(body.points, contact, tasks.system, right_load, work.gains, work.problem)
+    fill_qp(body.points, contact, tasks.system, work.wanted.right_load[0], work.gains, work.problem)
 
 
 @compiled

@@ -21,10 +21,8 @@ from ampm.reference import FIELDS
 
 HEEL, BALL, TIP = 0, 1, 2
 """Lines of a foot's points."""
-
 LONGEST_WINDOW = 4.0
 """Longest time over which the tilt of the trunk is averaged [s]."""
-
 ANGULAR = 3.0
 """Scale of the rows of angular momentum in the QP [1/m]: a metre of lever is a third of a weight."""
 

@@ -11,8 +11,6 @@ angular momentum are those of the walk on level ground: ``z = H + k x`` gives ``
 pendulum along x keeps its law (Kajita et al., "The 3D Linear Inverted Pendulum Mode", IROS 2001).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -156,7 +154,7 @@ class CentroidalPlan(Brief):
     constants: PlanConstants
 
     @classmethod
-    def of(cls, plan: CentroidalPlan, **more: Any) -> Self:
+    def of(cls, plan: "CentroidalPlan", **more: Any) -> Self:
         """A plan of this class with the fields of another plan and further ones."""
         names = {f.name for f in fields(plan)} & {f.name for f in fields(cls)}
         return cls(**{name: getattr(plan, name) for name in names} | more)

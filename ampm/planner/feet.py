@@ -17,7 +17,6 @@ from ampm.planner.contacts import LEVEL, Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
 """Columns of :attr:`FootSample.contact`."""
-
 PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 """Values of :attr:`FootPath.pivot`."""
 
@@ -83,7 +82,7 @@ class FootPath(ReadOnly):
 class FeetPlan(Brief):
     """Both feet's paths over a whole plan, on a floor with slopes along x and y, dz/dx and dz/dy [1].
 
-    The paths' points have axes that are turned about x by the slope across, :attr:`roll`.
+    The paths' points have axes that are turned about x by the angle of the slope across.
     """
 
     sole: SoleGeometry
@@ -92,16 +91,12 @@ class FeetPlan(Brief):
     duration: float
     slope: tuple[float, float] = LEVEL
 
-    @property
-    def roll(self) -> float:
-        """Angle of the floor about x [rad]."""
-        return math.atan(self.slope[1])
-
     def sample(self, times: ArrayLike) -> tuple[FootSample, FootSample]:
         """Left and right foot at times, shape (N,) [s]; raises InputError if one lies outside the plan."""
         t = times_within(times, self.duration)
         left, right = _sample_path(self.left, self.sole, t), _sample_path(self.right, self.sole, t)
-        return (_rolled(left, self.roll), _rolled(right, self.roll)) if self.slope[1] else (left, right)
+        across = math.atan(self.slope[1])
+        return (_rolled(left, across), _rolled(right, across)) if across else (left, right)
 
     def heights(self, feet: tuple[FootSample, FootSample]) -> Array:
         """Height of the lowest sole point of sampled feet over the floor's plane, shape (N, 2) [m]."""

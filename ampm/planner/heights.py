@@ -6,14 +6,12 @@ the support: that of the standing foot, blended in double support as the ZMP is.
 h where it meets the floor in the walk on level ground.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -122,7 +120,7 @@ class Ground:
     height: Array  # of the rectangles, shape (n,) [m]
 
     @classmethod
-    def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
+    def under(cls, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Self:
         """The floor under footsteps.
 
         Footsteps of one height that follow each other share a rectangle. Where a lower one would be in it,
@@ -141,7 +139,7 @@ class Ground:
             raise
 
     @classmethod
-    def _along(cls, heading: float, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Ground:
+    def _along(cls, heading: float, footsteps: Sequence[Footstep], sole: SoleGeometry) -> Self:
         """The floor under footsteps, with edges along and across a heading; raises as :meth:`under`."""
         z = [float(step.position[2]) for step in footsteps]
         outlines = np.stack([footprint(sole, step) for step in footsteps]) @ rotations(heading)

@@ -47,4 +47,3 @@ class Estimator(Protocol):
                 (nv,) [m/s^2, rad/s^2]: its ``acceleration``; None at the first tick, and of a controller
                 without it.
         """
-        ...

@@ -15,8 +15,7 @@ Each says whether it is shown in percent, whether the larger value is better, it
 time step on the presets, rounded up (``change``, a share of the value, and ``least`` [SI] of one near zero),
 and verb and noun of a conclusion.
 """
-_SMALL = 0.01
-"""Planned ZMP margin that is explained [m]."""
+_SMALL = 0.01  # planned ZMP margin that is explained [m]
 
 
 def cost_table(summary: Mapping[str, Any]) -> Table:

@@ -88,7 +88,6 @@ class Disturbance(Protocol):
 
     def apply(self, time: float, plant: Plant) -> None:
         """Push the body during the step that begins at a time [s]; every step of the physics calls it."""
-        ...
 
 
 def check_disturbances(given: Any) -> None:

@@ -19,31 +19,24 @@ from validation.trial.outcome import Outcome, OutcomeName
 FALL_SHARE = 0.25
 """The body has fallen when the height of its COM over the lower sole differs from the planned one by more
 than this share [1]. The plan's floor is not needed: the real one may be elsewhere."""
-
 FALL_DISTANCE = 0.7
 """A body of 1.70 m has fallen when its COM is horizontally farther than this from both soles [m]: as far as a
 leg reaches when a quarter of the height is lost. A body that stands beside the plan has not fallen."""
-
 FALL_TILT = math.radians(60.0)
 """The body has fallen when its trunk leans farther than this from the planned motion's [rad]."""
-
 _FALL_COSINE = math.cos(FALL_TILT)
 _UPRIGHT = math.cos(0.9 * math.radians(10.0))  # well above the lean of the first sign
 
 BLOW_UP = 20.0
 """Speed of the COM [m/s] that only a diverged simulation reaches: a fall from standing height ends at 4
 m/s."""
-
 FIRST_SIGN = 0.02
 """COM error of a body of 1.70 m that is reported as the first sign of a failure [m]: a hundred times that of
 a good walk."""
-
 FIRST_TILT = math.radians(10.0)
 """Lean of the trunk from the motion's that is reported as the first sign of a failure [rad]."""
-
 CALM = 1.0
 """If no warning sign recurs for this long, the earlier one is discarded as a cause [s]."""
-
 FALL_TIME = 1.0
 """Time that a body off the plan is given to fall while its QP stays unsolved [s]."""
 

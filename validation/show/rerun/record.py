@@ -42,20 +42,15 @@ from validation.trial.record import support_height
 
 PICTURE_RATE = 100.0
 """Pictures of the body per second [Hz]."""
-
 CURVE_STEP = 0.002
 """Least time between samples of a curve [s]; both sides of every switch are added."""
-
 MOST_PICTURES, MOST_SAMPLES = 3_000, 15_000
 """Pictures and samples of a curve in a recording: of a longer walk they are farther apart."""
-
 SINGLE_SUPPORT = 0.8
 """Share of a step on ``gait_phase`` that a single support takes; about that of a walk."""
-
 FORCE_SCALE = 1.0 / 500.0
 """Length of a force arrow [m/N]: the weight of a person reaches from the floor past the COM, to show whether
 the line of the force meets it."""
-
 SERIES = {"plan": PLAN, "command": COMMAND, "measured": MEASURED}
 _AXES: dict[str, Color] = {"x": (255, 99, 99, 255), "y": (120, 220, 120, 255), "z": (110, 160, 255, 255)}
 _FEET = {"left": LEFT, "right": RIGHT}
@@ -64,8 +59,7 @@ Lines = Mapping[str, Color]
 """Name to colour of the columns of an entity."""
 Curves = tuple[Array, Mapping[str, tuple[Array, Lines]]]
 """Times, shape (N,) [s]; entity to values, shape (N, k), and name and colour of every column."""
-_HIDDEN = ("command", "first_plan")
-"""Curves that are not shown beside those of other runs."""
+_HIDDEN = ("command", "first_plan")  # curves that are not shown beside those of other runs
 _SHARES = {"plan": 0.5, "motion": 0.5, "y": 0.65, "z": 0.4}
 """Brightness of curves in the colour of their run; of others it is 1."""
 
