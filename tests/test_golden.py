@@ -90,14 +90,13 @@ def test_every_preset_is_recorded():
 
 
 with Path(__file__).with_name("walks.csv").open(encoding="utf-8", newline="") as file:
-    ROWS = list(csv.DictReader(file))
+    CASES = [
+        pytest.param(row, marks=[pytest.mark.slow] * ("pushed by" in row["name"]), id=row["name"])
+        for row in csv.DictReader(file)
+    ]
 
 
-def case_of(row):
-    return pytest.param(row, marks=[pytest.mark.slow] * ("pushed by" in row["name"]), id=row["name"])
-
-
-@pytest.mark.parametrize("row", [case_of(row) for row in ROWS])
+@pytest.mark.parametrize("row", CASES)
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of OSQP, in planners that go on planning
 def test_a_walk_ends_as_it_should(row):
     if "engine=drake" in row["settings"]:

@@ -59,16 +59,12 @@ def test_too_little_friction_is_failed_for_slip_alone():
     assert [metric.name for metric in failed if metric.kind == "walk"] == ["slip_maximum"]
 
 
-def test_the_page_shows_the_data():
+def test_the_page_shows_the_data_which_are_of_the_draw():
     unseen = script("unseen")
     page, rows = unseen.PAGE.read_text(encoding="utf-8"), unseen.read_rows("unseen")
     for table in (unseen.outcomes(rows), unseen.refusals(rows)):
         assert table.markdown() in page
-
-
-def test_the_data_are_of_the_draw():
-    unseen = script("unseen")
-    draw, rows = load_sweep(DOCS / "examples" / "unseen.toml"), unseen.read_rows("unseen")
+    draw = load_sweep(DOCS / "examples" / "unseen.toml")
     sensed = unseen.changed(draw, unseen.SENSED)
     counts = {unseen.HUMAN: 100, unseen.HUMAN_ESTIMATED: 100, unseen.DRAKE: unseen.IN_BOTH}
     for name, count in counts.items():

@@ -59,12 +59,6 @@ def test_a_walk_ends_as_if_it_went_on():
     assert (last[1:] <= 0.004).all()
 
 
-def test_a_table_is_a_sequence():
-    table = planned_walk().table(TIMES)
-    assert len(table) == len(TIMES)
-    assert table[3:5][1].time == table[4].time == TIMES[4]
-
-
 def test_nothing_makes_a_reference_writeable():
     """Who could write it would say what a fall is."""
     base = rows()[5].com
@@ -75,8 +69,11 @@ def test_nothing_makes_a_reference_writeable():
         base = base.base
 
 
-def test_a_reference_is_made_of_fields_in_their_shapes():
-    row = planned_walk().table(TIMES)[4]
+def test_a_reference_is_a_row_of_a_sequence_made_of_fields_in_their_shapes():
+    table = planned_walk().table(TIMES)
+    row = table[4]
+    assert len(table) == len(TIMES)
+    assert table[3:5][1].time == row.time == TIMES[4]
     fields = {name: getattr(row, name) for name in FIELDS}
     assert Reference.of(time=0.0, q=row.q, v=row.v).com.tolist() == [0.0, 0.0, 0.0]
     assert Reference.of(**fields).row == row.row

@@ -18,7 +18,6 @@ from ampm.planner.support import plan_steps
 from ampm.planner.table import repeats, table_motion
 from tests.solved import body_of
 from validation.store.tables import plan_table, sample_times, write_columns
-from validation.trial.plan import Request, plan_walk
 from validation.trial.users import read_columns
 
 STEPS = 3
@@ -155,14 +154,9 @@ def test_a_walk_that_turns_and_climbs_as_a_table(tmp_path):
 
 def test_a_table_may_not_stand_long():
     """Rest would dilute the errors of its steps."""
-    walk = plan_footstep_walk(
-        ampm.load_run("flat", footsteps=routes.straight(4, 0.3, 0.2)), body_of().description
-    )
-    table = table_of(walk)
-    still = {name: np.full(6000, column[-1]) for name, column in table.items()}
-    still["time"] = table["time"][-1] + 0.005 * (1.0 + np.arange(6000))
-    longer = {name: np.concatenate([column, still[name]]) for name, column in table.items()}
-    run = ampm.load_run("flat")
-    plan_walk(Request("table", run), planner=ampm.TablePlanner(table))
+    run = ampm.load_run("flat", footsteps=routes.straight(4, 0.3, 0.2))
+    table = table_of(plan_footstep_walk(run, body_of().description))
+    longer = {name: np.append(column, column[-1:].repeat(6000)) for name, column in table.items()}
+    longer["time"][-6000:] += 0.005 * np.arange(1, 6001)
     with pytest.raises(ampm.InputError, match=r"takes 3\d.* s, more than 1.5 times the 6.0.* s of its steps"):
-        plan_walk(Request("table", run), planner=ampm.TablePlanner(longer))
+        val.walk("flat", planner=ampm.TablePlanner(longer))
