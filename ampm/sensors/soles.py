@@ -10,6 +10,7 @@ from ampm.body.robot import Robot
 from ampm.compiled import bound, compiled, refer, zeros_of
 from ampm.geometry import Array, Flags
 from ampm.parameters import RunParameters
+from ampm.planner.feet import TIP
 from ampm.vectors import ZERO, Vector, cross, dot, minus, multiply, plus, put, times, turned, vector
 
 YIELD = 3e-3
@@ -18,8 +19,6 @@ LEVEL = 0.1
 """A line that touches stays on the floor up to :data:`YIELD` times the root of this [1]."""
 FIRST = 0.15
 """Share of the threshold from which a line touches at the height of the lowest point [1]."""
-TIP = 2
-"""Line of a foot's points, after those of heel and ball."""
 NO_LOAD = 1e-3
 """Share of the weight below which no load counts, whatever the threshold [1]."""
 TIP_SHARE = 0.05
