@@ -21,7 +21,7 @@ from tests.test_study_kills import forget
 from validation.cli.options import with_short
 from validation.store.environment import parameter_values
 from validation.study.many import Task
-from validation.study.one_walk import own_classes
+from validation.study.one_walk import users_classes
 from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
@@ -148,7 +148,7 @@ def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch
 
     def digest() -> str:
         forget(tmp_path)
-        return Task("a", own_classes, {"controller": importlib.import_module("own_class").Own}).digest
+        return Task("a", users_classes, {"controller": importlib.import_module("own_class").Own}).digest
 
     before = digest()
     assert digest() == before

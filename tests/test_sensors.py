@@ -19,7 +19,7 @@ from tests.solved import simulated, walk_of
 from tests.test_negative_controls import script
 from tests.test_tick import frames
 from validation.judge.compare import _from_standing_foot
-from validation.study.one_walk import own_classes
+from validation.study.one_walk import users_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
 
@@ -413,7 +413,7 @@ def test_ones_own_estimator_walks_and_does_not_know_the_seed():
 
 def sent(**options):
     run = load_run("normal", sensors={"estimator": "tests.test_sensors:Tuned", "options": options})
-    return own_classes({"request": run})
+    return users_classes({"request": run})
 
 
 def test_an_estimator_travels_with_a_study():

@@ -103,7 +103,7 @@ def walk_once(
     from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
     from validation.study.many import identity
-    from validation.study.one_walk import own_classes
+    from validation.study.one_walk import users_classes
     from validation.study.pool import pickled
     from validation.trial.plan import load_request
 
@@ -117,7 +117,7 @@ def walk_once(
     given = {"controller.name": controller, "gait.planner": planner}
     named = {key: text for key, text in given.items() if isinstance(text, str)}
     try:
-        key = pickled((name, run, run.given, options, added_metrics(), own_classes(run.replace(named))))
+        key = pickled((name, run, run.given, options, added_metrics(), users_classes(run.replace(named))))
         key += identity([run, *map(Path, named.values())]).encode()
     except Exception:  # of the user's objects
         return walk(run, name=name, **options)

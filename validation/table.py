@@ -206,7 +206,7 @@ class Tabled(Brief):
         return first + "".join(table.__html__() for table in self.tables())
 
 
-def own_rows(name: str) -> list[dict[str, str]]:
+def package_rows(name: str) -> list[dict[str, str]]:
     """Rows of a CSV file of this package, by its path in it."""
     return list(csv.DictReader(files("validation").joinpath(name).read_text("utf-8").splitlines()))
 

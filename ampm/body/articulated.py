@@ -53,7 +53,7 @@ def spatial_inertia(mass: float, here: Link, inertia: Array) -> None:
     """Write the inertia of a link about O, shape (6, 6): ``(m u + w x h, I w + h x u)`` of a twist (u, w)."""
     c = vector(here.com)
     inertia[:] = 0.0
-    inertia[3:6, 3:6] = here.own
+    inertia[3:6, 3:6] = here.com_inertia
     for r in range(3):
         after, last = (r + 1) % 3, (r + 2) % 3
         inertia[r, r] = mass

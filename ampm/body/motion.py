@@ -168,15 +168,15 @@ class RetimedPosture:
 
     posture: Posture  # on its own clock
     times: Array  # ascending, shape (K,) [s]
-    own: Array  # the same instants on its own clock, shape (K,) [s]
+    posture_times: Array  # the same instants on the clock of the posture, shape (K,) [s]
 
     def sample(self, times: ArrayLike) -> PostureState:
         """States at ``times``, shape (T,) [s]."""
         time = np.atleast_1d(np.asarray(times, dtype=np.float64))
         beyond = time - np.clip(time, self.times[0], self.times[-1])
-        state = self.posture.sample(np.interp(time, self.times, self.own) + beyond)
+        state = self.posture.sample(np.interp(time, self.times, self.posture_times) + beyond)
         phase = np.clip(np.searchsorted(self.times, time, "right") - 1, 0, len(self.times) - 2)
-        pace = np.where(beyond, 1.0, (np.diff(self.own) / np.diff(self.times))[phase])
+        pace = np.where(beyond, 1.0, (np.diff(self.posture_times) / np.diff(self.times))[phase])
         return state._replace(
             v=pace[:, None] * state.v,
             acceleration=pace[:, None] ** 2 * state.acceleration,

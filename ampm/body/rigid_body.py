@@ -70,7 +70,7 @@ class Link:
     turn: Array33  # its axes to world
     axis: Array3  # of the hinge
     com: Array3  # of the link, from O [m]
-    own: Array33  # inertia of the link about its COM [kg m^2]
+    com_inertia: Array33  # of the link about its COM [kg m^2]
     mass: float  # of all that hangs on the joint [kg]
     first: Array3  # its first moment h [kg m]
     inertia: Array33  # its inertia I about O [kg m^2]
@@ -183,14 +183,14 @@ def sum_inertia(tree: Records, link: Records) -> None:
         put(here.com, c)
         here.mass = m
         put(here.first, times(m, c))
-        here.own[:] = 0.0
+        here.com_inertia[:] = 0.0
         here.inertia[:] = 0.0
         if m > 0.0:
             for r in range(3):
                 row = here.turn[r, 0], here.turn[r, 1], here.turn[r, 2]
-                put(here.own[r], turned(here.turn, turned(joint.inertia, row)))
-            for r in range(3):  # about O: own + m (c . c - c c')
-                put(here.inertia[r], minus(vector(here.own[r]), times(m * c[r], c)))
+                put(here.com_inertia[r], turned(here.turn, turned(joint.inertia, row)))
+            for r in range(3):  # about O: com_inertia + m (c . c - c c')
+                put(here.inertia[r], minus(vector(here.com_inertia[r]), times(m * c[r], c)))
                 here.inertia[r, r] += m * dot(c, c)
     for i in range(len(tree) - 1, 0, -1):
         here, base = link[i], link[tree[i].parent]
@@ -234,7 +234,9 @@ def angular_momentum(tree: Records, link: Records) -> Vector:
         here, omega = link[i], vector(link[i].omega)
         sweep = cross(omega, minus(vector(here.com), vector(here.place)))
         momentum = times(tree[i].mass, plus(vector(here.velocity), sweep))
-        total = plus(total, plus(turned(here.own, omega), cross(minus(vector(here.com), com), momentum)))
+        total = plus(
+            total, plus(turned(here.com_inertia, omega), cross(minus(vector(here.com), com), momentum))
+        )
     return total
 
 
@@ -254,8 +256,8 @@ def start_forces(tree: Records, link: Records) -> None:
             omega, turning, com = vector(here.omega), vector(here.turning), vector(here.com)
             arm = minus(com, vector(here.place))
             force = times(tree[i].mass, accelerated(vector(here.acceleration), turning, omega, arm))
-            spin = cross(omega, turned(here.own, omega))
-            moment = plus(plus(turned(here.own, turning), spin), cross(com, force))
+            spin = cross(omega, turned(here.com_inertia, omega))
+            moment = plus(plus(turned(here.com_inertia, turning), spin), cross(com, force))
         put(here.force, force)
         put(here.moment, moment)
 

@@ -23,7 +23,7 @@ from ampm.planner.centroidal import PlanSample
 from ampm.walk import WalkPlan
 from validation.judge.margins import energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
-from validation.table import own_rows
+from validation.table import package_rows
 from validation.trial.followed import LEADS, Followed, FrozenPlan, PlanRows
 from validation.trial.record import SimulationRecord
 from validation.trial.shapes import Shapes
@@ -65,7 +65,7 @@ class Signal(NamedTuple):
 SIGNALS: Mapping[str, Signal] = MappingProxyType(
     {
         f"{row['group']}_{axis}": Signal(**row | {"axis": axis})
-        for row in own_rows("judge/signals.csv")
+        for row in package_rows("judge/signals.csv")
         for axis in row["axis"]
     }
 )
@@ -226,7 +226,7 @@ def _windows(
 ) -> dict[str, Flags]:
     """Rows of every window, shape (K,), read-only."""
     time, feet = measured.time, measured.foot_contact.sum(axis=1)
-    begin = np.array([item.plan.judged_from for item in followed.plans])[followed.planner(time)]
+    begin = np.array([item.plan.judged_from for item in followed.plans])[followed.of_planner(time)]
     if pushed := push_rows(record):  # a slow first step does not hide a push
         begin = np.minimum(begin, time[pushed[0][0]])
     run = np.logical_or.accumulate(time >= begin - 1e-9)

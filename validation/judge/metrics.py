@@ -23,7 +23,7 @@ from ampm.parameters import GRAVITY
 from ampm.section import unknown
 from validation.judge.built_in import COMPUTED
 from validation.judge.compare import RUN, SIGNALS, Comparison, push_rows, signal_pairs
-from validation.table import own_rows
+from validation.table import package_rows
 from validation.trial.users import load_object
 
 _ONE_STEP = 1.9  # most RMS error of a later step over its limit: with noise, steps vary by 1.8 [1]
@@ -230,13 +230,13 @@ def _built_in() -> dict[str, Metric]:
                 nature="mean" if statistic == "rmse" else "extreme",
             )
     computed = {**COMPUTED, "recovery_time": _recovery_time}
-    for row in own_rows("judge/metrics.csv"):
+    for row in package_rows("judge/metrics.csv"):
         name = row["name"]
         entries: dict[str, Any] = dict(row)
         compute = partial(_cost, name=name) if row["section"] else computed[name]
         found[name] = Metric(**entries, compute=compute)
     judged: dict[str, Metric] = {}
-    for row in own_rows("judge/limits.csv"):
+    for row in package_rows("judge/limits.csv"):
         metric = found.pop(row["metric"])
         unit = row["grows_with"] or metric.unit
         size = 1.0 if unit == BODY_WEIGHT else float(size_in_si(unit, DEFAULT_BODY))  # weights are shares

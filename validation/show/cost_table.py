@@ -6,9 +6,9 @@ from typing import Any
 from ampm.body.limits import ROLL_TOLERANCE
 from validation.judge.margins import tilt_warnings
 from validation.judge.metrics import METRICS, Metric, cost_entry, display_unit
-from validation.table import ABSENT, USED, Table, format_number, format_share, own_rows, short_unit
+from validation.table import ABSENT, USED, Table, format_number, format_share, package_rows, short_unit
 
-COSTS = {row["metric"]: row for row in own_rows("show/costs.csv")}
+COSTS = {row["metric"]: row for row in package_rows("show/costs.csv")}
 """Costs beside the agreement, by metric; the others are in :func:`reported_table`.
 
 Each says whether it is shown in percent, whether the larger value is better, its numerical change at half the

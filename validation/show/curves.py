@@ -7,7 +7,7 @@ import numpy as np
 from ampm.geometry import Array
 from validation.judge.compare import SIGNALS
 from validation.store.signals import Signals, changes
-from validation.table import own_rows
+from validation.table import package_rows
 
 
 class Curve(NamedTuple):
@@ -55,7 +55,7 @@ class Difference(NamedTuple):
 
 CURVES = {
     row["column"]: Curve(row["column"], row["title"], row["unit"], float(row["scale"]), row["about"])
-    for row in own_rows("show/curves.csv")
+    for row in package_rows("show/curves.csv")
 }
 """By the name of their column."""
 
@@ -66,5 +66,5 @@ VELOCITIES = {
 }
 """Title and unit of what a walk without a plan is asked for, by the name of its column."""
 
-DIFFERENCES = {row.pop("entity"): Difference(**row) for row in own_rows("show/differences.csv")}
+DIFFERENCES = {row.pop("entity"): Difference(**row) for row in package_rows("show/differences.csv")}
 """By their entity in a recording."""

@@ -20,7 +20,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.section import unknown
 from validation.store.record import read_table, write_table
-from validation.table import own_rows
+from validation.table import package_rows
 from validation.trial.files import RunFile
 
 
@@ -41,7 +41,7 @@ class SignalKind(NamedTuple):
         return list(map("".join, product(*choices)))
 
 
-KINDS = tuple(SignalKind(**row) for row in own_rows("store/signals.csv"))
+KINDS = tuple(SignalKind(**row) for row in package_rows("store/signals.csv"))
 """All kinds of columns, in order."""
 COLUMNS: Mapping[str, SignalKind] = MappingProxyType({name: kind for kind in KINDS for name in kind.names})
 """Kind of every column."""

@@ -23,7 +23,7 @@ from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import is_comparison, load_comparison
 from validation.study.robustness.result import ROBUSTNESS_FILE, load_robustness
-from validation.table import Table, own_rows
+from validation.table import Table, package_rows
 from validation.trial.files import RunFile
 
 
@@ -45,7 +45,7 @@ def write_evidence(
     for name, result in (_study(study, saved) for study in studies):
         found[name] = f"{found[name]}; {result}" if name in found else result
     found["replay"] = f"replay: {replay(folder, progress=progress)}"
-    factors = own_rows("study/factors.csv")
+    factors = package_rows("study/factors.csv")
     for row in factors:
         checks = row["checks"].split()
         said = [found.get(check, f"{check}: not done") for check in checks]

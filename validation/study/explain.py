@@ -30,7 +30,7 @@ from validation.store.json import json_ready, write_json
 from validation.store.saved import read_summary
 from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.row_file import Row
-from validation.table import Table, Tabled, format_value, own_rows
+from validation.table import Table, Tabled, format_value, package_rows
 from validation.trial.disturbances import Disturbance, Recorded
 from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
@@ -80,7 +80,7 @@ class Change:
         return dict.fromkeys(changed, float(self.value))
 
 
-CHANGES = tuple(Change(**row) for row in own_rows("study/layers.csv"))
+CHANGES = tuple(Change(**row) for row in package_rows("study/layers.csv"))
 """Every change that is tried."""
 
 

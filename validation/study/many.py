@@ -28,7 +28,7 @@ from validation.progress import Progress, interruption
 from validation.store.environment import code_hash
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
-from validation.study.one_walk import own_classes, users_files
+from validation.study.one_walk import users_classes, users_files
 from validation.study.pool import ThisProcess, Workers, connect, open_pool, users_file
 from validation.study.row_file import ROWS, Row, RowFile
 
@@ -53,7 +53,7 @@ class Task:
 def identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
-        own = (users_files(value), own_classes(value)) if isinstance(value, RunParameters) else ""
+        own = (users_files(value), users_classes(value)) if isinstance(value, RunParameters) else ""
         return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{identity(own)}"
     if isinstance(value, Path) and value.is_file():
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"

@@ -19,7 +19,7 @@ from validation.trial.plan import Request, plan_walk
 from validation.trial.users import ROLES
 
 
-def own_classes(value: Any) -> dict[str, Any]:
+def users_classes(value: Any) -> dict[str, Any]:
     """Users' classes and tables that the runs in a value name, by these names.
 
     Raises :class:`InputError` if there is no such controller, planner or estimator.
@@ -30,7 +30,7 @@ def own_classes(value: Any) -> dict[str, Any]:
     if is_dataclass(value):
         value = vars(value)
     items = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
-    return {name: thing for item in items for name, thing in own_classes(item).items()}
+    return {name: thing for item in items for name, thing in users_classes(item).items()}
 
 
 def users_files(run: RunParameters) -> list[Path]:

@@ -36,7 +36,7 @@ from validation.run.walk import compile_once
 from validation.store.environment import code_hash
 from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
-from validation.study.one_walk import own_classes
+from validation.study.one_walk import users_classes
 from validation.study.row_file import Row
 from validation.trial.users import SENT, UsersError
 
@@ -195,7 +195,7 @@ class Workers:
 
         Raises :class:`InputError` if one of them cannot be sent.
         """
-        classes = own_classes(options)  # imports their modules
+        classes = users_classes(options)  # imports their modules
         try:
             data = pickled((work, dict(options), added_metrics(), classes), by_value=self._remote)
         except Exception as error:

@@ -153,7 +153,7 @@ class Followed:
 
     def numbers(self, times: Array) -> NDArray[np.int32]:
         """Number of the plan valid at times, 0 the first one, :data:`STEPPING` the stabiliser's; (N,)."""
-        number = self.planner(times)
+        number = self.of_planner(times)
         if len(self.stepped):
             ticks = self.stepped["time"]
             row = _last(ticks, times)
@@ -166,19 +166,19 @@ class Followed:
         Before the walk the first plan stands.
         """
         made = np.maximum(times - lead, 0.0)
-        number, planner = self.numbers(made), self.planner(made)
-        changes = np.flatnonzero((np.diff(number) != 0) | (np.diff(planner) != 0)) + 1
+        number, of_planner = self.numbers(made), self.of_planner(made)
+        changes = np.flatnonzero((np.diff(number) != 0) | (np.diff(of_planner) != 0)) + 1
         parts = []
         for start, end in pairwise([0, *changes.tolist(), len(times)]):
-            plan = self.plans[planner[start] if end > start else 0]
+            plan = self.plans[of_planner[start] if end > start else 0]
             if end > start and number[start] == STEPPING:
                 parts.append(self._stepping(times[start:end], made[start:end], plan))
             else:
                 parts.append(plan.rows.at(times[start:end]))
         return PlanRows.joined(parts)
 
-    def planner(self, times: Array) -> NDArray[np.intp]:
-        """Number of the planner's last plan at times, shape (N,)."""
+    def of_planner(self, times: Array) -> NDArray[np.intp]:
+        """Number of the planner's last plan at times (N,) [s], also off it; an index of ``plans``, (N,)."""
         return _last(np.array([plan.since for plan in self.plans]), times)
 
     def _stepping(self, times: Array, made: Array, frozen: FrozenPlan) -> PlanRows:

@@ -16,7 +16,7 @@ from validation.study.many import Execution, Task, study_folder, walk_many
 from validation.study.one_walk import walk_request
 from validation.study.row_file import Row
 from validation.study.sweep.design import ENGINE_KEY
-from validation.table import own_rows
+from validation.table import package_rows
 from validation.trial.engine import check_drake
 from validation.trial.plan import Request, load_request, plan_walk
 
@@ -24,7 +24,7 @@ STEPS = 6
 """Walked at every level, by default: the gait is periodic, and a record grows as the time step shrinks."""
 LEVELS = 4
 """Levels of a numerical study: two triplets, the least that can confirm an order."""
-STUDIES = own_rows("study/convergence/studies.csv")
+STUDIES = package_rows("study/convergence/studies.csv")
 """Key of each study. A numerical one has the ratio of neighbouring levels, whose limit is zero.
 
 Others have values: those of the engine, or factors on the own value of a parameter of the contact law. The

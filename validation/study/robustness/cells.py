@@ -12,7 +12,7 @@ from ampm.geometry import Array, rotations
 from ampm.planner.contacts import Contacts
 from ampm.run_file import key_info
 from ampm.section import unknown
-from validation.table import own_rows
+from validation.table import package_rows
 
 DURATION = 0.1
 """Duration of the push [s]."""
@@ -68,7 +68,7 @@ def push_cells(quick: bool = False) -> tuple[Cell, ...]:
 def other_cells(quick: bool = False) -> tuple[Cell, ...]:
     """All other disturbances, and errors of sensors, of ``ladders.csv``; ``quick``: every other value."""
     cells = []
-    for row in own_rows("study/robustness/ladders.csv"):
+    for row in package_rows("study/robustness/ladders.csv"):
         units = (text.partition("deg") for text in row["values"].split())  # that of the key, or degrees
         values = tuple(math.radians(float(text)) if unit else float(text) for text, unit, _ in units)
         cells.append(Cell(row["name"], row["key"], values[1::2] if quick else values))

@@ -20,7 +20,7 @@ from validation.store.folders import output_file, write_whole
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
-from validation.study.one_walk import keep_run, own_classes, walk_request
+from validation.study.one_walk import keep_run, users_classes, walk_request
 from validation.study.pool import error_columns
 from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
@@ -88,7 +88,7 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
     key = key_of(definition, run)
     try:
         options = _options(definition, run)
-        own_classes(options)
+        users_classes(options)
         if options["request"].run.gait.planner in STEP_PLANNERS:
             check_formula(options["request"])
     except (InputError, RefusedGait) as error:

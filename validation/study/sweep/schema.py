@@ -21,7 +21,7 @@ from ampm.run_file import key_info
 from ampm.section import Option
 from validation.judge.metrics import METRICS
 from validation.run.trial import Trial
-from validation.table import own_rows
+from validation.table import package_rows
 from validation.trial.followed import LEADS
 
 AHEAD = ("zmp_x", "zmp_y")
@@ -36,7 +36,7 @@ def schema(options: Mapping[str, Sequence[Option]] = MappingProxyType({})) -> pa
     its ``meaning``.
     """
     own: dict[str, list[pa.Field]] = defaultdict(list)
-    for row in own_rows("study/sweep/columns.csv"):
+    for row in package_rows("study/sweep/columns.csv"):
         own[row.pop("place")].append(_column(**row))
     constants = ((f"plan_{item.name}", item.metadata) for item in fields(PlanConstants))
     ahead = ((name, lead, METRICS[f"{name}_rmse"].label) for lead in LEADS for name in AHEAD)
