@@ -5,22 +5,26 @@ foot's height over that plane, and the COM's as the load goes from foot to foot.
 down faster and faster.
 """
 
-from typing import Any
-
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, HEEL, Foot, Workspace
+from ampm.control.workspace import BALL, HEEL, Workspace
 from ampm.geometry import Array
+from ampm.vectors import clip, column, cross, plus, put
 
-LEVEL = 0.008
+LEVEL = 0.003
 """Largest height over the plan's floor that is not followed [m]: soles sink in by some millimetres."""
 FLAT = 0.012
 """Largest mean slope that is not followed [1]."""
+RISE = 0.005
+"""Rise from foot to foot from which on their heights tell whether a slope is one [m]."""
+AGREES = 0.15
+"""If a foot rises by less than this share of what its slope says, a stone tilts it and the floor counts as
+level. From twice the share on, the whole slope counts [1]."""
 AVERAGE = 5.0
 """Rate of the mean of the slope [1/s]: on a soft floor a sole tilts to and fro with its load."""
 UPRIGHT = 0.995
 """Cosine of a sole's tilt below which it stands on an edge."""
 RATE = 40.0
-"""Rate of the critically damped filter of the heights [1/s]."""
+"""Rate of the filters of heights, critically damped, and tilts [1/s]."""
 PATIENCE = 0.016
 """Time that a foot may be late before it goes down faster [s]."""
 HURRY, FASTEST = 5.0, 0.3
@@ -29,24 +33,30 @@ HURRY, FASTEST = 5.0, 0.3
 
 @compiled
 def follow_floor(work: Workspace) -> None:
-    """Raise feet and COM of the reference by the height of the floor over the plan's floor."""
+    """Raise feet and COM of the reference by the floor's height over the plan's, and tilt the soles."""
     feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
     right = wanted.right_load[0]
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
         stands = lines[i].touched.any()
         if stands:
-            height = work.body.com[2] - wanted.foot_position[i, 2]
-            _measure_floor(foot, lines[i], wanted.foot_rotation[i], height, tick)
+            _measure_floor(work, i, tick)
         elif lines[1 - i].touched.any():
-            x, y, _ = wanted.foot_position[i] - wanted.foot_position[1 - i]
-            foot.floor = other.floor + _beyond(other.slope[0], FLAT) * x + _beyond(other.slope[1], FLAT) * y
+            step = other.footprint - foot.footprint
+            told = other.slope[0] * step[0] + other.slope[1] * step[1]
+            share = slope_share(told, step[2]) if abs(told) > RISE else 1.0
+            reach, foot.floor = wanted.foot_position[i] - wanted.foot_position[1 - i], other.floor
+            for axis in range(2):
+                slope = share * _beyond(other.slope[axis], FLAT)
+                foot.floor += slope * reach[axis]
+                foot.tilt[axis] += RATE * tick * (slope - foot.tilt[axis])
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
         foot.late = foot.late + tick if planned and not stands else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
         acceleration = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
         foot.raised_rate += tick * acceleration
         foot.raised += tick * foot.raised_rate
+        tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
         load = right if i == 1 else 1.0 - right
         wanted.foot_position[i, 2] += foot.raised
         wanted.foot_velocity[i, 2] += foot.raised_rate
@@ -55,19 +65,33 @@ def follow_floor(work: Workspace) -> None:
 
 
 @compiled
-def _measure_floor(foot: Foot, lines: Any, planned: Array, height: float, tick: float) -> None:
-    """Update height and slope of the floor over the plan's from a foot, if it stands flat.
-
-    Planned are its rotation to world, and the height of the measured COM over its place [m].
-    """
-    heel, ball = lines[HEEL], lines[BALL]
+def _measure_floor(work: Workspace, i: int, tick: float) -> None:
+    """Update footprint, height and slope of the floor over the plan's from a foot, if it stands flat."""
+    foot, heel, ball = work.body.feet[i], work.contact.lines[i, HEEL], work.contact.lines[i, BALL]
+    place, planned = work.wanted.foot_position[i], work.wanted.foot_rotation[i]
     loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
     level = heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT
     if heel.planned and ball.planned and loaded and level:
-        foot.floor = _beyond(height + foot.place[2], LEVEL)
+        height = work.body.com[2] - place[2] + foot.place[2]
+        foot.footprint[0], foot.footprint[1], foot.footprint[2] = place[0], place[1], height
+        foot.floor = _beyond(height, LEVEL)
         for axis in range(2):
             slope = planned[axis, 2] / planned[2, 2] - foot.pose[axis, 2] / foot.pose[2, 2]
             foot.slope[axis] += AVERAGE * tick * (slope - foot.slope[axis])
+
+
+@compiled
+def tilt_sole(rotation: Array, slope_x: float, slope_y: float) -> None:
+    """Turn a sole, given by its rotation to world, with a floor that has slopes [1]."""
+    for axis in range(3):
+        old = column(rotation, axis)
+        put(rotation[:, axis], plus(old, cross((slope_y, -slope_x, 0.0), old)))
+
+
+@compiled
+def slope_share(told: float, rise: float) -> float:
+    """Share of a foot's slope that counts, as it says a rise from the other foot, and what it is [1]."""
+    return clip((rise / told - AGREES) / AGREES, 0.0, 1.0)
 
 
 @compiled

@@ -41,6 +41,8 @@ class Foot(Frame):
     hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
     floor: float  # height of the floor under it over the plan's floor [m]
     slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
+    footprint: Array3  # planned place of its last flat stand, at the measured height over it, first NaN [m]
+    tilt: Annotated[Array, (2,)]  # slopes with which its reference is tilted [1]
     raised: float  # height by which its reference is raised [m]
     raised_rate: float  # rate of this height [m/s]
 
@@ -309,7 +311,7 @@ def rows_of(rows: NDArray[Any]) -> Any:
 def feet_of(robot: Robot) -> Any:
     """The feet of a body."""
     feet, count = frames_of(robot.model, robot.sole_frames, Foot), len(robot.toe_joints)
-    feet["toe"], feet["toe_row"], feet["roll_row"] = -1, -1, -1
+    feet["toe"], feet["toe_row"], feet["roll_row"], feet["footprint"] = -1, -1, -1, np.nan
     feet["roll_row"][: len(robot.roll_rows)] = robot.roll_rows
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)

@@ -3,6 +3,7 @@
 import math
 
 from ampm.compiled import compiled
+from ampm.control.floor import RISE, slope_share
 from ampm.control.workspace import TIP, Stepper, SteppingState, Workspace
 from ampm.geometry import Array
 from ampm.vectors import clip, column, dot
@@ -15,11 +16,6 @@ FEEL_TIME = 0.03
 """Time constant of the measured slope [s]."""
 LEVEL = 0.005
 """Slopes up to this count as level, because a sole under load is not exactly level [1]."""
-RISE = 0.005
-"""Rise between the feet from which on their heights tell whether a slope is one [m]."""
-AGREES = 0.15
-"""If they rise by less than this share of what the slope says, a stone tilts the foot and the floor counts as
-level. From twice the share on, the whole slope counts [1]."""
 LIFT = 0.5
 """Integral gain of the COM's height, times omega^3 [1]."""
 DEAD_BAND, SATURATION = 0.0015, 0.01
@@ -92,9 +88,9 @@ def feel_slope(work: Workspace, stepper: Stepper) -> None:
     _, slope_x, slope_y = floor_under(work, stepper.slope, stance)
     shift = state.shift[stance] - state.shift[swing]
     x, y, _ = places[stance] - places[swing] + shift
-    rise, level = slope_x * x + slope_y * y, LEVEL
-    if abs(rise) > RISE:
-        level = math.hypot(slope_x, slope_y) * clip(2.0 - shift[2] / rise / AGREES, 0.0, 1.0)
+    told, level = slope_x * x + slope_y * y, LEVEL
+    if abs(told) > RISE:
+        level = math.hypot(slope_x, slope_y) * (1.0 - slope_share(told, shift[2]))
     gain = min(stepper.tick / FEEL_TIME, 1.0)
     state.slope[0] += gain * (slope_x - state.slope[0])
     state.slope[1] += gain * (slope_y - state.slope[1])

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from ampm.compiled import compiled
+from ampm.control.floor import tilt_sole
 from ampm.control.sole import turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
@@ -27,7 +28,7 @@ from ampm.stepping.step_choice import (
     quintic_tick,
     ramp_share,
 )
-from ampm.vectors import along_across, clip, column, cross, minus, plus, put, times, vector
+from ampm.vectors import along_across, clip, minus, plus, times, vector
 
 DISTURBED = 0.006
 """The sole is shared where the DCM is farther than this from its plan, twice as far as undisturbed [m]."""
@@ -229,7 +230,7 @@ def _replace_com(work: Workspace, stepper: Stepper, slope: tuple[float, float], 
 @compiled
 def _replace_feet(state: SteppingState, slope: tuple[float, float], wanted: Any) -> None:
     """Replace the reference of both feet: their shifts, the floor's tilt."""
-    swing, turn = 1 - state.stance, (slope[1], -slope[0], 0.0)
+    swing = 1 - state.stance
     for foot in range(2):
         if state.single and foot == swing:
             wanted.foot_position[foot] += state.swing[0]
@@ -237,11 +238,7 @@ def _replace_feet(state: SteppingState, slope: tuple[float, float], wanted: Any)
             wanted.foot_acceleration[foot] += state.swing[2]
         else:
             wanted.foot_position[foot] += state.shift[foot]
-        if slope[0] != 0.0 or slope[1] != 0.0:
-            rotation = wanted.foot_rotation[foot]
-            for axis in range(3):
-                old = column(rotation, axis)
-                put(rotation[:, axis], plus(old, cross(turn, old)))
+        tilt_sole(wanted.foot_rotation[foot], slope[0], slope[1])
     if state.waited > 0.0:
         wanted.planned[swing, :], wanted.due[swing, :] = False, True
         wanted.foot_position[swing, 2] -= DROP * state.waited
