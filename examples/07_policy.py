@@ -24,7 +24,7 @@ GUESS = [1.5, 0.05, 0.6, 0.25, 0.4, 0.02, 0.2, 0.1, 2.2, 0.2, 1.1, 0.1]  # see S
 class Policy:
     """A template: joint targets about the standing posture, held by springs and dampers."""
 
-    RATE = 50.0  # of the policy [1/s]; that of the torques is controller.frequency
+    RATE = 50.0  # of the policy, at most that of the torques, controller.frequency [1/s]
 
     def __init__(self, robot, run):
         """Once a walk: the body and the parameters of the run."""
@@ -33,6 +33,7 @@ class Policy:
         inertia = 1.0 / pin.computeMinverse(robot.model, robot.data, pin.neutral(robot.model)).diagonal()[6:]
         self.stiffness = np.minimum(2.0 * self.limit, 0.2 * frequency**2 * inertia)  # [N m/rad]
         self.damping = np.minimum(0.1 * self.stiffness, 0.5 * frequency * inertia)  # [N m s/rad]
+        self.RATE = min(self.RATE, frequency)
         self.ticks, self.tick, self.action = round(frequency / self.RATE), 0, np.zeros(robot.nu)
 
     def observe(self, state):

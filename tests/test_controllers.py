@@ -124,12 +124,14 @@ def test_a_crash_in_mid_walk_keeps_the_run(ampm, tmp_path, caplog):
 class Ramp:
     """Gives the same torque and rate at every tick."""
 
+    unknown: Any = dict.fromkeys(("residual", "iterations", "seconds"))
+
     def __init__(self, robot, run, rate):
         self.torque = 0.98 * robot.torque_limit
         self.rate = None if rate is None else np.full(robot.nu, rate)
 
     def update(self, state, touch, reference):
-        return ControlOutput(self.torque, rate=self.rate)
+        return ControlOutput(self.torque, rate=self.rate, **self.unknown)
 
 
 def above_limits(rate):

@@ -51,7 +51,7 @@ def test_the_rows_of_the_file_are_keys_and_what_is_ideal_is_not_walked():
         "posture": "body.lean=0.1",
     }.items():
         assert tried(case(setting)) - usual == {layer}
-    assert tried(case("gait.planner=dcm")) - usual == {"planner", "planner and feet"}
+    assert tried(case("gait.planner=dcm")) - usual == {"planner"}
     assert "gait" in tried(case("gait.com_height=0.85"))
     assert "motors" in tried(case(strained="left_knee_pitch"))
     limits = next(change for change in CHANGES if change.layer == "motors")

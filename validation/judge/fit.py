@@ -128,8 +128,8 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
             of += f", in {lost} of which COM and ZMP do not cross along y at every step (check their signs)"
         raise InputError(
             f"{log.name} has too few strides of equal duration and length: {len(chosen)}, and a fit needs "
-            f"{_LEAST_STRIDES}; in {np.ptp(log.time):.3g} s the left foot takes the weight over "
-            f"{len(left)} times; whole strides between them: {len(bounds)}{of}; give a longer log of steady "
+            f"{_LEAST_STRIDES}; landings of the left foot in {np.ptp(log.time):.3g} s: "
+            f"{len(left)}; whole strides between them: {len(bounds)}{of}; give a longer log of steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )
     arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}

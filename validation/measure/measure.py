@@ -34,11 +34,11 @@ class Equations:
     """
 
     steps: int  # that were checked
-    median: float  # median defect without a joint beyond its range, whose stop's torque is not recorded
+    median: float  # median defect of those without a joint beyond its range, as no stop's torque is recorded
     largest: float  # largest defect
     coordinate: str  # that has the largest one
     time: float  # of the step with the largest one [s]
-    change: float  # median over the steps of the largest change of velocity, for comparison
+    change: float  # median over those, too, of the largest change of velocity, for comparison
 
 
 @dataclass(frozen=True)
@@ -232,19 +232,20 @@ def check_equations(record: SimulationRecord, model: pin.Model, passive: Passive
     rows = np.unique(rows[rows >= 0])
     if not len(rows):
         return Equations(0, math.nan, math.nan, "", math.nan, math.nan)
-    dt, change = record.time_step, record.qd[rows + 1] - record.qd[rows]
+    dt, change = record.time_step, np.abs(record.qd[rows + 1] - record.qd[rows])
     size = np.abs(_defects(record, model, passive, rows))
     row, column = divmod(int(np.argmax(size)), size.shape[1])
     angles, (low, high) = record.q[rows, 7:], record.joint_range.T
-    free = size.max(axis=1)[((angles >= low) & (angles <= high)).all(axis=1)]
+    free = ((angles >= low) & (angles <= high)).all(axis=1)
+    median, typical = (np.median(of[free].max(axis=1)) if free.any() else math.nan for of in (size, change))
     root = [f"root {what} {axis}" for what in ("velocity", "rate") for axis in "xyz"]  # in its own axes
     return Equations(
         steps=len(rows),
-        median=float(np.median(free)) if len(free) else math.nan,
+        median=float(median),
         largest=float(size[row, column]),
         coordinate=[*root, *record.joint_names][column],
         time=float(rows[row] * dt),
-        change=float(np.median(np.abs(change).max(axis=1))),
+        change=float(typical),
     )
 
 

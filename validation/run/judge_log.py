@@ -121,6 +121,8 @@ def log_columns(
 ) -> tuple[dict[str, Any], str]:
     """Columns of a log by name, after a mapping, and its name; of a run's folder what was measured."""
     if not isinstance(table, str | Path):
+        if not hasattr(table, "keys"):
+            raise InputError(f"{table!r:.70} is no log; give a file, a run's folder, or columns by name.")
         return map_columns(table, mapping or {}), "the log"
     path = Path(table)
     if not path.exists():

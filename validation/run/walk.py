@@ -61,8 +61,8 @@ def walk(
     """
     if not (controller is None or isinstance(controller, str) or callable(controller)):
         raise InputError(f"{controller!r} cannot be the controller; give a class or function, or a name.")
-    if isinstance(planner, type):
-        raise InputError(f"{planner!r} cannot be the planner; give an object of this class.")
+    if isinstance(planner, type) or not (isinstance(planner, str | Path | None) or hasattr(planner, "plan")):
+        raise InputError(f"{planner!r} cannot be the planner; give an object with a method plan, or a name.")
     check_disturbances(disturbances)
     if isinstance(footsteps, str | Path):
         footsteps = read_footsteps(Path(footsteps))

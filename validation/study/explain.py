@@ -108,7 +108,7 @@ class Case:
         own = unpushed and self.profile == PUSHED.name  # judges a recovery, of which there is none
         return replace(
             self,
-            request=replace(self.request, run=run),
+            request=complete(replace(self.request, run=run)),
             profile=own_profile(run).name if own else self.profile,
             pushes=() if unpushed else self.pushes,
             lifted=self.lifted or (change.layer == "motors" and bool(self.strained)),
@@ -363,10 +363,12 @@ def _saved_case(folder: Path) -> Case:
 
 def possible(case: Case) -> list[tuple[Change, Case]]:
     """The changes that change anything and fit the run, and the cases with them."""
-    pairs = []
+    pairs = list[tuple[Change, Case]]()
     for change in CHANGES:
         if case.request.run.gait.planner == NO_PLAN and change.layer in ("controller", "planner", BOTH):
             continue  # another one is asked for another walk
         with suppress(InputError, RefusedGait):
-            pairs.append((change, case.changed(change)))
-    return [pair for pair in pairs if pair[1] != case]
+            new = case.changed(change)
+            if new not in (case, *(other for _, other in pairs)):
+                pairs.append((change, new))
+    return pairs

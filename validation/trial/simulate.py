@@ -347,10 +347,10 @@ class ClosedLoop:
             self._row[0] = planned if output.reference is None else output.reference.row
             # A user's controller does not say what a fall is.
             self.log.stands_by[0] = self._row[0] if type(self.controller) is TrackingController else planned
-            status, residual = int(output.status), float(output.residual)
+            status, residual, seconds = output.status, np.float64(output.residual), np.float64(output.seconds)
             if status not in (SOLVED, LIMITED, UNSOLVED):
                 raise ValueError(f"{status} is not a QP status")
-            if not self._act(k, status, residual, int(output.iterations), float(output.seconds)):
+            if not self._act(k, int(status), residual, int(output.iterations or 0), seconds):
                 raise ValueError(self._not_finite())
         if isinstance(self.controller, TrackingController) and self.controller.stepped is not None:
             self.stepped.append(self.controller.stepped)

@@ -88,7 +88,7 @@ def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool 
     array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
-    if array.dtype.kind not in "fiu":
+    if array.dtype.kind not in "bfiu":
         raise ValueError(f"{name} holds {array.dtype} values and must hold real numbers")
     if finite and (wrong := array[~np.isfinite(array)]).size:
         raise ValueError(f"{name} holds {wrong[0]} and must be finite")

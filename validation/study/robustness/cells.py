@@ -77,7 +77,7 @@ def other_cells(quick: bool = False) -> tuple[Cell, ...]:
 
 def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     """The cells of some kinds, all if none is named; raises InputError if there is no such kind."""
-    kinds = {cell.kind for cell in cells}
+    kinds, only = {cell.kind for cell in cells}, [only] if isinstance(only, str) else only
     for name in only:
         if name not in kinds:
             raise unknown(name, sorted(kinds), "kind of disturbance", value=name)
