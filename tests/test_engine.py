@@ -133,6 +133,9 @@ def test_a_step_that_drake_cannot_make_ends_the_walk(drake):
     stepper.step2()
     assert data.warning.number[mujoco.mjtWarning.mjWARN_BADQACC] == 1
     np.testing.assert_array_equal(data.qpos, model.qpos0)
+    model.dof_frictionloss[8] = 0.1
+    with pytest.raises(InputError, match=r"the joint \w+ has dry friction.*--engine mujoco"):
+        make_engine(model, data, drake)
 
 
 def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
@@ -140,11 +143,3 @@ def test_without_drake_the_message_has_the_pip_line(monkeypatch, ampm):
     answer = ampm("validate", "normal", "--engine", "drake", "--json")
     assert answer.status == 2
     assert "pip install -e '.[drake]'" in answer.json["error"]["message"]
-
-
-def test_dry_friction_is_refused(drake):
-    model = body_of().compile()
-    model.dof_frictionloss[8] = 0.1
-    name = model.joint(int(model.dof_jntid[8])).name
-    with pytest.raises(InputError, match=f"{name} has dry friction.*--engine mujoco"):
-        make_engine(model, mujoco.MjData(model), drake)

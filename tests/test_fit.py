@@ -312,8 +312,10 @@ def test_wrenches_of_mcap(tmp_path):
         "wrench": ("geometry_msgs/WrenchStamped", "geometry_msgs/Wrench wrench"),
         "point": ("geometry_msgs/Vector3Stamped", "geometry_msgs/Vector3 vector"),
     }
-    with (tmp_path / "walk.mcap").open("wb") as stream:
+    with (path := tmp_path / "walk.MCAP").open("wb") as stream:
         writer = writing.Writer(stream)
+        text = writer._writer.register_channel("/log", "json", 0)  # read past, as it is not of ROS 2
+        writer._writer.add_message(text, 0, b"{}", 0)
         schemas = {
             key: writer.register_msgdef(name, STAMPED.format(fields=fields))
             for key, (name, fields) in kinds.items()
@@ -335,9 +337,12 @@ def test_wrenches_of_mcap(tmp_path):
         names |= {f"{foot}_sensor_{axis}": "zero" for axis in "xyz"}
         for kind in ("force", "torque"):
             names |= {f"{foot}_sensor_{kind}_{axis}": f"/{foot}_ft.wrench.{kind}.{axis}" for axis in "xyz"}
-    table, _ = log_columns(tmp_path / "walk.mcap")
+    table, _ = log_columns(path)
     np.testing.assert_allclose(table["time"], time, atol=2e-9)
     assert_fitted(val.fit_log({**table, "zero": np.zeros(len(time))}, columns=names))
+    path.write_bytes(path.read_bytes()[:5000] + bytes(100) + path.read_bytes()[5100:])
+    with pytest.raises(InputError, match=r"walk\.MCAP cannot be read as MCAP of ROS 2 \("):
+        log_columns(path)
 
 
 def test_a_run_of_eurobench(tmp_path):

@@ -177,13 +177,8 @@ def test_what_is_missing_shows(block):
 PUSHED = ("disturbance.push_y=40.0", "disturbance.push_at=0.5", "disturbance.joint_damping=1.0")
 
 
-LIMIT = METRICS["equations_defect_median"].tolerances["default"]
-
-
-@pytest.mark.parametrize(
-    ("settings", "most"), [((), 1e-9), (PUSHED, 1e-9), (("contact.impratio=1000",), LIMIT)]
-)
-def test_a_walk_obeys_them(settings, most):
+@pytest.mark.parametrize("settings", [(), PUSHED, ("contact.impratio=1000",)])
+def test_a_walk_obeys_them(settings):
     planned, record = walked(2, settings, None)
     model = planned.scene.model.compile()
 
@@ -192,6 +187,7 @@ def test_a_walk_obeys_them(settings, most):
 
     passive = bridge.passive_joints(model)
     found = of(record, passive)
+    most = 1e-9 if settings in ((), PUSHED) else METRICS["equations_defect_median"].tolerances["default"]
     assert found.median < most * found.change
     assert found.largest < 1e-2 * found.change  # MuJoCo's solver stops early at a light toe
     assert of(without_point(record), passive).median > 0.01 * found.change

@@ -11,7 +11,6 @@ import pytest
 import ampm as planner
 from tests.solved import walk_of
 from validation.cli.app import Status
-from validation.store.json import write_json
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import Cell, chosen, other_cells, push_cells, push_instant
 from validation.study.robustness.result import CellResult, Robustness, needed
@@ -56,7 +55,7 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     assert [needed(n) for n in (1, 2, 3, 5, 10)] == [1, 2, 3, 4, 8]
 
 
-def test_the_table_and_the_files(tmp_path):
+def test_the_table():
     """Every push of 0.4 m/s and less is survived, and every slope."""
     cells = [*push_cells(quick=True), Cell("up", "disturbance.slope_along", (math.radians(1.0),))]
     results = [climbed(cell, 1, lambda value, _: row("" if abs(value) <= 0.4 else FELL))[0] for cell in cells]
@@ -66,10 +65,6 @@ def test_the_table_and_the_files(tmp_path):
     cause = "fell: the trunk leaned 60 degrees off the planned one"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "")
-    write_json(tmp_path / robustness.ROBUSTNESS_FILE, found.as_dict())
-    written = json.loads((tmp_path / robustness.ROBUSTNESS_FILE).read_text())
-    assert written == found.as_dict()
-    assert written["cells"][0]["survived"] == 0.4
 
 
 def test_the_cells_cover_all_pushes_and_all_keys():
@@ -103,7 +98,7 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     cells = (Cell(push.name, push.key, (2.0,), push.direction, push.phase, push.height),)
     monkeypatch.setattr(robustness, "push_cells", lambda quick=False: cells)
     monkeypatch.setattr(robustness, "STEPS", 3)
-    only, settings = ("pushes", "friction_factor"), ("simulation.time_step=0.002",)
+    only, settings = ("pushes", "friction_factor"), ("simulation.time_step=0.002", "gait.steps=3")
     options = {"only": only, "quick": True, "replicas": 1, "workers": 0, "out": tmp_path}
     found = robustness.robustness("normal", settings, **options)
     thrown, slid = found.cells
@@ -111,9 +106,14 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     assert thrown.cause.startswith(("fell: ", "diverged: "))
     assert slid.survived in (0.25, 0.5)
     assert [row["survived"] for row in read_rows(tmp_path)] == [None, slid.survived]
+    assert json.loads((tmp_path / robustness.ROBUSTNESS_FILE).read_text()) == found.as_dict()
+    told = ["--quick", "--replicas=1", "--workers=0"]
+    stood = ampm("robustness", "--planner=none", "--set=command.duration=1.2", "--only=delay", *told)
+    assert (stood.status, "gait.steps" in stood.err) == (Status.PASS, False)
     monkeypatch.setattr("validation.study.pool.attempt", lambda work, options: pytest.fail("walked again"))
-    told = [*(word for kind in only for word in ("--only", kind)), "--quick", "--replicas", 1, "--workers", 0]
-    answer = ampm("robustness", "normal", "--set", *settings, *told, "--out", tmp_path, "--resume", "--json")
+    given = [f"--set={text}" for text in settings] + [f"--only={kind}" for kind in only]
+    answer = ampm("robustness", "normal", *given, *told, "--out", tmp_path, "--resume", "--json")
+    assert "does not use: gait.steps" in answer.err
     assert (answer.status, answer.json) == (Status.PASS, found.as_dict())
     assert ampm("robustness", "normal", "--out", tmp_path).status == Status.REFUSED
 

@@ -237,15 +237,14 @@ def check_equations(record: SimulationRecord, model: pin.Model, passive: Passive
     row, column = divmod(int(np.argmax(size)), size.shape[1])
     angles, (low, high) = record.q[rows, 7:], record.joint_range.T
     free = ((angles >= low) & (angles <= high)).all(axis=1)
-    median, typical = (np.median(of[free].max(axis=1)) if free.any() else math.nan for of in (size, change))
     root = [f"root {what} {axis}" for what in ("velocity", "rate") for axis in "xyz"]  # in its own axes
     return Equations(
         steps=len(rows),
-        median=float(median),
+        median=float(np.median(size[free].max(axis=1))) if free.any() else math.nan,
         largest=float(size[row, column]),
         coordinate=[*root, *record.joint_names][column],
         time=float(rows[row] * dt),
-        change=float(typical),
+        change=float(np.median(change[free].max(axis=1))) if free.any() else math.nan,
     )
 
 

@@ -120,11 +120,9 @@ def log_columns(
     table: str | Path | Mapping[str, Any], mapping: Mapping[str, str] | None = None
 ) -> tuple[dict[str, Any], str]:
     """Columns of a log by name, after a mapping, and its name; of a run's folder what was measured."""
-    if not isinstance(table, str | Path):
-        if not hasattr(table, "keys"):
-            raise InputError(f"{table!r:.70} is no log; give a file, a run's folder, or columns by name.")
+    if not isinstance(table, str | Path) and hasattr(table, "keys"):
         return map_columns(table, mapping or {}), "the log"
-    path = Path(table)
+    path = Path(str(table))
     if not path.exists():
         raise InputError(f"there is no file and no folder {str(path)!r}; correct the name.")
     read = _measured if path.is_dir() else reader_of(path) or read_columns

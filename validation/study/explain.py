@@ -363,12 +363,11 @@ def _saved_case(folder: Path) -> Case:
 
 def possible(case: Case) -> list[tuple[Change, Case]]:
     """The changes that change anything and fit the run, and the cases with them."""
-    pairs = list[tuple[Change, Case]]()
+    pairs = []
     for change in CHANGES:
         if case.request.run.gait.planner == NO_PLAN and change.layer in ("controller", "planner", BOTH):
             continue  # another one is asked for another walk
         with suppress(InputError, RefusedGait):
-            new = case.changed(change)
-            if new not in (case, *(other for _, other in pairs)):
-                pairs.append((change, new))
-    return pairs
+            pairs.append((change, case.changed(change)))
+    known = [case, *(new for _, new in pairs)]  # one may come to what another does
+    return [pair for k, pair in enumerate(pairs, start=1) if pair[1] not in known[:k]]

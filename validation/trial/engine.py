@@ -31,7 +31,7 @@ class Engine(NamedTuple):
     step2: Callable[[], None]
 
 
-_ONLY_MUJOCO = (
+ONLY_MUJOCO = (
     *(f"contact.{name}" for name in ContactParameters.model_fields if name != "friction"),
     "simulation.integrator",
     "disturbance.softness_factor",
@@ -44,7 +44,7 @@ def check_drake(run: RunParameters | None = None, model: mujoco.MjModel | None =
 
     Only what is given of run and model is checked; raises :class:`InputError`.
     """
-    for key in _ONLY_MUJOCO:
+    for key in ONLY_MUJOCO:
         if run and run.value(key) != (default := field_of(key).default):
             rule = f"is of MuJoCo alone, and simulation.engine = drake needs its default, {default}"
             raise run.refusal(key, rule, "set the keys of drake instead, or walk with --engine mujoco")

@@ -10,15 +10,12 @@ from typing import Any
 
 from ampm.exceptions import InputError
 
-SUFFIXES = (".c3d", ".mcap")
-"""Suffixes of files that are read; the module of this package has the same name."""
-
 
 def reader_of(path: Path) -> Callable[[Path], dict[str, Any]] | None:
-    """Function that reads a file as columns, None for a table; raises InputError without its library."""
-    if path.suffix not in SUFFIXES:
+    """What reads a file as columns, None for a table; raises InputError without its library."""
+    if (suffix := path.suffix.lower()) not in (".c3d", ".mcap"):
         return None
     try:
-        return import_module(f"{__name__}{path.suffix}").read
+        return import_module(f"{__name__}{suffix}").read
     except ModuleNotFoundError as error:
         raise InputError(f"{path} needs {error.name}; install the extra: pip install 'ampm[logs]'.") from None

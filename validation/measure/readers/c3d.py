@@ -27,7 +27,7 @@ def read(path: Path) -> dict[str, Any]:
     try:
         file = ezc3d.c3d(str(path), extract_forceplat_data=True)
     except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(f"{path} cannot be read as C3D ({error}); give a whole file.") from error
+        raise InputError(f"{path} cannot be read as C3D ({error}); give one that ezc3d reads.") from error
     plates = file["data"]["platform"]
     if not plates:
         raise InputError(f"{path} has no force plates; a log needs the force of the floor.")

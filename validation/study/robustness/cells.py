@@ -80,7 +80,7 @@ def chosen(cells: Sequence[Cell], only: Sequence[str]) -> tuple[Cell, ...]:
     kinds, only = {cell.kind for cell in cells}, [only] if isinstance(only, str) else only
     for name in only:
         if name not in kinds:
-            raise unknown(name, sorted(kinds), "kind of disturbance", value=name)
+            raise unknown(name, sorted(kinds), "disturbance of this planner and engine", value=name)
     return tuple(cell for cell in cells if not only or cell.kind in only)
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any, Unpack
 
 from ampm.exceptions import InputError
-from ampm.parameters import NO_PLAN, RunParameters
+from ampm.parameters import FIELDS, NO_PLAN, RunParameters
 from models.scene import BodyModel
 from validation.progress import Progress
 from validation.store.json import write_json
@@ -15,6 +15,7 @@ from validation.study.pool import attempt
 from validation.study.robustness.cells import DURATION, Cell, chosen, other_cells, push_cells, push_instant
 from validation.study.robustness.result import ROBUSTNESS_FILE, CellResult, Robustness, needed
 from validation.study.row_file import Row
+from validation.trial.engine import ONLY_MUJOCO
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import PlannedWalk, Request, load_request, plan_walk
 from validation.trial.record import SimulationRecord
@@ -35,6 +36,7 @@ START = 0.01
 SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)
 """Shift of a push in the replicas, as share of its phase [1]."""
 CROSSED = "the legs met"
+_OWN = "gait.steps", "disturbance.push_", "disturbance.seed", "disturbance.start_velocity", "sensors.seed"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
 
@@ -131,19 +133,16 @@ def robustness(
         StudyStopped: see :func:`validation.study.many.walk_many`.
     """
     needed(replicas)
-    cells = chosen([*push_cells(quick), *other_cells(quick)], only)
-    folder = study_folder(execution)
     request = load_request(run, settings)
-    other = {cell.kind for cell in other_cells(quick)} - {"step_height"}
-    if request.run.gait.planner == NO_PLAN and not {cell.kind for cell in cells} <= other:
-        raise InputError(
-            "gait.planner = none plans no steps, so that pushes have no phase and step_height no step; study "
-            f"other disturbances with --only: {', '.join(sorted(other))}."
-        )
-    if "gait.steps" in request.changed:
+    asked, every = request.run, [*push_cells(quick), *other_cells(quick)]
+    without = {"pushes", "step_height"} if asked.gait.planner == NO_PLAN else set[str]()
+    without |= {*ONLY_MUJOCO} if asked.simulation.engine == "drake" else set()
+    cells = chosen([cell for cell in every if not without & {cell.key, cell.kind}], only)
+    folder = study_folder(execution)
+    if own := [key for key in FIELDS if key.startswith(_OWN) and asked.value(key) != FIELDS[key].default]:
         says = execution.get("progress") or Progress()
-        says.say(f"{request.name}: each disturbance takes its own number of steps, not gait.steps")
-    short = replace(request, run=request.run.replace({"gait.steps": PUSH_STEP + 2}))
+        says.say(f"{request.name}: a robustness study has its own, and does not use: {', '.join(own)}")
+    short = replace(request, run=asked.replace({"gait.steps": PUSH_STEP + 2}).giving(asked.given))
     planned = plan_walk(short, execution.get("progress"))
     if any(cell.is_push for cell in cells):
         push_instant(planned.plan.contacts, "forward", "early", PUSH_STEP + 1)

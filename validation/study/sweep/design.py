@@ -320,9 +320,7 @@ def load_sweep(path: str | Path) -> SweepDefinition:
     Files of a gait, body or plan are searched in the same folder. Raises :class:`InputError` of no such file,
     no valid TOML, or no valid sweep.
     """
-    if not isinstance(path, str | Path):
-        raise InputError(f"{path!r:.70} defines no sweep; give a TOML file, or a SweepDefinition.")
-    path = Path(path)
+    path = Path(str(path))
     stem = path.stem.encode("utf-8", "backslashreplace").decode()  # a name may not be UTF-8
     return read_definition(read_toml(path), stem, path.parent)
 
