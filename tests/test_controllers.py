@@ -14,7 +14,7 @@ from dm_env import test_utils
 
 import ampm
 import validation as val
-from ampm import ControlOutput, TrackingController
+from ampm import ControlOutput, InputError, TrackingController
 from docs.examples import onnx_policy, tsid_controller
 from docs.examples.joint_pd import JointPD
 from tests.records import same_bits
@@ -32,8 +32,9 @@ SETTINGS = ["--steps=2", "--set=solver.ik_time_step=0.01", "--set=simulation.tim
 
 @pytest.fixture
 def installed(monkeypatch):
-    """A package that adds the controller ``simple``."""
-    points = [EntryPoint("simple", JOINT_PD, "ampm.controllers")]
+    """A package that adds the controller ``simple``, and ``broken``, whose module is missing."""
+    places = {"simple": JOINT_PD, "broken": "no_such_module:Controller"}
+    points = [EntryPoint(name, place, "ampm.controllers") for name, place in places.items()]
     monkeypatch.setattr(users, "entry_points", lambda group: [p for p in points if p.group == group])
 
 
@@ -41,6 +42,8 @@ def test_a_controller_has_one_name_wherever_it_comes_from(installed):
     assert CONTROLLER.find("ampm") is TrackingController
     assert CONTROLLER.find("simple") is CONTROLLER.find(JOINT_PD) is JointPD
     assert CONTROLLER.name_of(JointPD) == JOINT_PD
+    with pytest.raises(InputError, match="no_such_module:Controller' cannot be imported"):
+        CONTROLLER.find("broken")
     assert users.load_object("--metric", "docs.examples.joint_pd:JointPD.update") is JointPD.update
 
 

@@ -106,6 +106,8 @@ def test_what_is_of_another_kind_is_never_replaced(target, files, force, known, 
 def test_a_file_appears_whole(tmp_path):
     target = tmp_path / "motion.parquet"
     target.write_text("old")
+    with pytest.raises(InputError, match="--force"), output_file(target, force=False):
+        pass
     with pytest.raises(OSError):
         write_and_fail(output_file(target), lambda place: place.write_text("half"), OSError)
     assert target.read_text() == "old"
