@@ -5,12 +5,14 @@ foot's height over that plane, and the COM's as the load goes from foot to foot.
 down faster and faster.
 """
 
+import numpy as np
+
 from ampm.compiled import compiled
 from ampm.control.workspace import BALL, HEEL, Workspace
 from ampm.geometry import Array
 from ampm.vectors import clip, column, cross, plus, put
 
-LEVEL = 0.003
+LEVEL = 0.005
 """Largest height over the plan's floor that is not followed [m]: soles sink in by some millimetres."""
 FLAT = 0.012
 """Largest mean slope that is not followed [1]."""
@@ -50,6 +52,8 @@ def follow_floor(work: Workspace) -> None:
                 slope = share * _beyond(other.slope[axis], FLAT)
                 foot.floor += slope * reach[axis]
                 foot.tilt[axis] += RATE * tick * (slope - foot.tilt[axis])
+            if foot.floor != other.floor:  # on a slope, heights count whole
+                foot.floor += other.footprint[2] - other.floor
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
         foot.late = foot.late + tick if planned and not stands else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
@@ -74,7 +78,7 @@ def _measure_floor(work: Workspace, i: int, tick: float) -> None:
     if heel.planned and ball.planned and loaded and level:
         height = work.body.com[2] - place[2] + foot.place[2]
         foot.footprint[0], foot.footprint[1], foot.footprint[2] = place[0], place[1], height
-        foot.floor = _beyond(height, LEVEL)
+        foot.floor = height if np.abs(foot.tilt).max() > 0.5 * FLAT else _beyond(height, LEVEL)
         for axis in range(2):
             slope = planned[axis, 2] / planned[2, 2] - foot.pose[axis, 2] / foot.pose[2, 2]
             foot.slope[axis] += AVERAGE * tick * (slope - foot.slope[axis])
