@@ -10,7 +10,6 @@ from tests.saved_run import walked
 from tests.tiny import ARM_MASS, CORNERS, GRAVITY, MASS, pinocchio_model, simulate, swinging
 from tests.walk import without_point
 from validation.judge.built_in import rms
-from validation.judge.metrics import METRICS
 from validation.measure.measure import Equations, centre_of_pressure, check_equations, measure
 from validation.trial import bridge
 from validation.trial.coordinates import PassiveJoints
@@ -177,7 +176,7 @@ def test_what_is_missing_shows(block):
 PUSHED = ("disturbance.push_y=40.0", "disturbance.push_at=0.5", "disturbance.joint_damping=1.0")
 
 
-@pytest.mark.parametrize("settings", [(), PUSHED, ("contact.impratio=1000",)])
+@pytest.mark.parametrize("settings", [(), PUSHED], ids=["undisturbed", "pushed and damped"])
 def test_a_walk_obeys_them(settings):
     planned, record = walked(2, settings, None)
     model = planned.scene.model.compile()
@@ -187,11 +186,10 @@ def test_a_walk_obeys_them(settings):
 
     passive = bridge.passive_joints(model)
     found = of(record, passive)
-    most = 1e-9 if settings in ((), PUSHED) else METRICS["equations_defect_median"].tolerances["default"]
-    assert found.median < most * found.change
+    assert found.median < 1e-9 * found.change
     assert found.largest < 1e-2 * found.change  # MuJoCo's solver stops early at a light toe
     assert of(without_point(record), passive).median > 0.01 * found.change
-    if settings == PUSHED:
+    if settings:
         assert of(record, passive._replace(implicit=False)).median > 1e-3 * found.change
         unpushed = replace(record, external_force=np.zeros_like(record.external_force))
         assert of(unpushed, passive).largest > 1e-3
