@@ -1,7 +1,5 @@
 """What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
 
-import math
-
 from ampm.compiled import compiled
 from ampm.control.floor import RISE, slope_share
 from ampm.control.workspace import TIP, Stepper, SteppingState, Workspace
@@ -90,7 +88,7 @@ def feel_slope(work: Workspace, stepper: Stepper) -> None:
     x, y, _ = places[stance] - places[swing] + shift
     told, level = slope_x * x + slope_y * y, LEVEL
     if abs(told) > RISE:
-        level = math.hypot(slope_x, slope_y) * (1.0 - slope_share(told, shift[2]))
+        level = (slope_x**2 + slope_y**2) ** 0.5 * (1.0 - slope_share(told, shift[2]))
     gain = min(stepper.tick / FEEL_TIME, 1.0)
     state.slope[0] += gain * (slope_x - state.slope[0])
     state.slope[1] += gain * (slope_y - state.slope[1])
