@@ -63,7 +63,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "trunk righted as on the plan": {"control.tick.RIGHTING": 1.0},
     "sole not shared": {"control.sole.OPEN": 10.0},
     "height not integrated": {"stepping.floor.LIFT": 0.0},
-    "slope not checked by heights": {"control.floor.RISE": 10.0},
+    "slope not checked by heights": {"stepping.floor.RISE": 10.0},
     "tilt of a sole taken for the floor's": {"stepping.floor.DEEP_IN": 10.0},
 }
 """Constants of a variant, by module and name."""
