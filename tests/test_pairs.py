@@ -20,7 +20,7 @@ from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import load_saved_run
 from validation.study.compare import comparison
-from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, comparison_of
+from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, WalkComparison
 from validation.study.compare.report import COMPARISON_FILE, REPORT, draw_walks, render
 from validation.study.robustness.cells import Cell
 from validation.study.robustness.result import CellResult, Robustness
@@ -95,10 +95,10 @@ def test_options_may_vary_together(monkeypatch, gaits, choices, labels):
 
 def test_bodies_of_two_sizes_are_told_and_compared_in_shares_of_their_size(sides):
     scales = sides[0].run.summary["scales"]
-    assert not any("differ in size" in note for note in comparison_of(sides).tables()[0].notes)
+    assert not any("differ in size" in note for note in WalkComparison(sides).tables()[0].notes)
     twice = {**scales, "foot_length": 2.0 * scales["foot_length"]}
     large = changed(sides[0], {"zmp_x_rmse": 2.0 * sides[0].number("zmp_x_rmse")}, scales=twice)
-    found = comparison_of([sides[0], replace(large, label="large")])
+    found = WalkComparison([sides[0], replace(large, label="large")])
     assert any(note.startswith("The bodies differ in size") for note in found.tables()[0].notes)
     rows = {row.name: row for row in found.rows}
     assert rows["zmp_x_rmse"].unit == "% of foot"
@@ -139,7 +139,7 @@ def changed(side: Side, metrics: dict[str, float] | None = None, **summary) -> S
 
 def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limits(sides):
     a, b = sides[0], replace(sides[0], label="other")
-    equal = comparison_of([a, b]).sentence
+    equal = WalkComparison([a, b]).sentence
     assert equal.startswith("smooth and other track the ZMP equally well: the difference is")
     nearest = "(largest torque, of the motor's limit, 78 % and 78 %)"
     assert f"smooth and other stayed below every limit {nearest}" in equal
@@ -147,22 +147,23 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     margins["torque"]["value"] *= 1.12
     margins["friction"]["value"] *= 2.5
     spent = changed(b, {"zmp_x_rmse": 2e-3, "zmp_y_rmse": 1e-5, "force_x_rmse": 50.0}, margins=margins)
-    said = comparison_of([a, spent]).sentence
+    said = WalkComparison([a, spent]).sentence
     assert re.match(r"smooth tracks the ZMP best along x \(.*\), other tracks the ZMP best along y \(", said)
     assert "other takes 12 % more torque relative to limits than smooth and uses 2.5 times as much fr" in said
     assert "other exceeded 1 of 13 limits (ground force, RMS error along x, " in said
     margins["torque"]["value"] = 1.0
-    said = comparison_of([a, changed(b, margins=margins)]).sentence
+    said = WalkComparison([a, changed(b, margins=margins)]).sentence
     assert "other reached a limit (largest torque, of the motor's limit, 100 %)" in said
     nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
-    said = comparison_of([a, changed(b, nan, margins={**margins, "torque": None, "friction": None})]).sentence
+    unknown = {**margins, "torque": None, "friction": None}
+    said = WalkComparison([a, changed(b, nan, margins=unknown)]).sentence
     assert said.startswith("No error of the ZMP is judged in every walk. No difference in mech")
-    said = comparison_of([a, changed(b, verdict="not_measured", profile="jumps")]).sentence
+    said = WalkComparison([a, changed(b, verdict="not_measured", profile="jumps")]).sentence
     assert re.search(r"smooth stayed below .* default \(.*other was not measured by .* jumps \(", said)
-    fell = comparison_of([a, changed(b, outcome="fell", end={"time": 2.3, "cause": ""}, steps_completed=2)])
+    fell = WalkComparison([a, changed(b, outcome="fell", end={"time": 2.3, "cause": ""}, steps_completed=2)])
     assert fell.sentence.endswith("other did not walk to the end (fell after 2.30 s).")
     assert ("steps completed", "8", "2") in fell.tables()[0].rows
-    fallen = comparison_of([changed(a, outcome="fell"), replace(sides[1], label="jumps")])
+    fallen = WalkComparison([changed(a, outcome="fell"), replace(sides[1], label="jumps")])
     cells = [cell for table in fallen.tables()[1:3] for row in table.rows for cell in (row[-1], *row[2:5:2])]
     assert not {"smooth", "0 %"} & {*cells}  # of a limit of zero there is no share
 
@@ -178,17 +179,17 @@ def test_a_study_takes_the_place_of_the_share_and_rounding_never_counts(sides):
     doubts = [studied.doubt("zmp_y_rmse", unit) for unit in ("m", "rad")]  # of a unit without a floor, too
     assert doubts == pytest.approx([1e-6 * side.number("zmp_y_rmse")] * 2)
     twice = changed(side, {"zmp_x_rmse": 2.0 * side.number("zmp_x_rmse")})
-    row = next(row for row in comparison_of([side, twice]).rows if row.name == "zmp_x_rmse")
+    row = next(row for row in WalkComparison([side, twice]).rows if row.name == "zmp_x_rmse")
     assert row.doubt == pytest.approx(SHARE * row.values[0])  # of the smaller value
     other = replace(twice, study=Uncertainty("b", 6, {"zmp_x_rmse": 2e-3}))
-    row = next(row for row in comparison_of([studied, other]).rows if row.name == "zmp_x_rmse")
+    row = next(row for row in WalkComparison([studied, other]).rows if row.name == "zmp_x_rmse")
     assert row.doubt == pytest.approx(2.0)  # the larger uncertainty [mm]
 
 
 def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm):
     cell = Cell("push forward", "pushes", (0.1, 0.2))
     study = Robustness("normal", "ampm", "human", "ampm", 5, (CellResult(cell, survived=0.1),))
-    found = comparison_of([replace(sides[0], robustness=study), sides[1]])
+    found = WalkComparison([replace(sides[0], robustness=study), sides[1]])
     tables = {table.title: table for table in found.tables()}
     assert tables["robustness"].rows == [("push forward", "m/s", "0.1")]
     causes = tables["causes of the ZMP error, RMS"]
@@ -223,7 +224,7 @@ def test_refused_and_fallen_walks_are_told_by_the_status(sides, ampm, monkeypatc
     refused = ampm("compare", "normal", "ipm", "--set", "gait.step_length=3", "--as-is", "--workers", "0")
     assert refused.status == 2
     assert refused.err.count("\n") <= 3
-    found = comparison_of([sides[0], changed(sides[1], outcome="fell")])
+    found = WalkComparison([sides[0], changed(sides[1], outcome="fell")])
     monkeypatch.setattr("validation.study.compare.comparison.compare_gaits", lambda *_, **__: found)
     assert ampm("compare").status == 3
 
@@ -253,5 +254,5 @@ def test_an_interrupted_comparison_without_a_folder_promises_none(monkeypatch, t
 
 
 def test_a_page_escapes_names(sides):
-    page = render(comparison_of([replace(sides[0], label="<script>"), sides[1]]), Path())
+    page = render(WalkComparison([replace(sides[0], label="<script>"), sides[1]]), Path())
     assert "<script>" not in page

@@ -8,7 +8,8 @@ import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain, zip_longest
 from pathlib import Path
 from types import MappingProxyType
@@ -140,10 +141,35 @@ class MetricRow(NamedTuple):
 
 @dataclass(frozen=True)
 class WalkComparison(Tabled):
-    """Walks and all their compared metrics."""
+    """Walks side by side."""
 
-    sides: tuple[Side, ...]  # the walks, two or more
-    rows: tuple[MetricRow, ...]  # metrics, group by group
+    sides: Sequence[Side]  # the walks, two or more
+
+    @cached_property
+    def rows(self) -> list[MetricRow]:
+        """Judged metrics, costs, and users' own without a limit; checks of the measurement are left out."""
+        entries: dict[str, Mapping[str, Any]] = {
+            name: {"label": METRICS[name].label, "unit": METRICS[name].unit, "kind": "cost"} for name in COSTS
+        }
+        # This process may not know users' metrics, but the summaries say all.
+        for side in reversed(self.sides):
+            entries |= side.run.summary["metrics"]
+        every = [self._row(*item) for item in entries.items() if item[1]["kind"] != "instrument"]
+        built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
+        rows = [row for row in every if row.group != OWN or row.name not in built_in]
+        return sorted(rows, key=lambda row: (JUDGED, COST, OWN).index(row.group))
+
+    def _row(self, name: str, entry: Mapping[str, Any]) -> MetricRow:
+        """One metric by its entry in a summary."""
+        shown = [self.shown(name, entry["unit"], side) for side in self.sides]
+        pairs = [(side, scale) for side, (scale, _) in zip(self.sides, shown, strict=True)]
+        values = tuple(scale * side.number(name) for side, scale in pairs)
+        limits = tuple(scale * side.number(name, "tolerance") for side, scale in pairs)
+        group = COST if name in COSTS else OWN if all(map(math.isnan, limits)) else JUDGED
+        doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
+        known = tuple(scale * side.studied(name) for side, scale in pairs)
+        doubt = min(doubts) if any(map(math.isnan, known)) else max(doubts)
+        return MetricRow(group, name, entry["label"], shown[0][1], values, doubt, limits, known)
 
     @property
     def title(self) -> str:
@@ -366,34 +392,6 @@ def _shown(value: float, known: float = math.nan) -> str:
     return "0" if abs(value) < 1e-8 else with_uncertainty(value, known)
 
 
-def comparison_of(sides: Sequence[Side]) -> WalkComparison:
-    """All metrics of two or more walks: judged ones, costs, and users' own without a limit.
-
-    Checks of the measurement itself are left out.
-    """
-    built_in = METRICS.keys() - {metric.name for metric in added_metrics()}
-    result = WalkComparison(tuple(sides), ())
-    rows: dict[str, list[MetricRow]] = {JUDGED: [], COST: [], OWN: []}
-    entries: dict[str, Mapping[str, Any]] = {}
-    for side in reversed(sides):  # this process may not know users' metrics, but the summaries say all
-        entries |= side.run.summary["metrics"]
-    for name in COSTS:
-        entries.setdefault(name, {"label": METRICS[name].label, "unit": METRICS[name].unit, "kind": "cost"})
-    for name, entry in entries.items():
-        shown = [result.shown(name, entry["unit"], side) for side in sides]
-        pairs = [(side, scale) for side, (scale, _) in zip(sides, shown, strict=True)]
-        values = tuple(scale * side.number(name) for side, scale in pairs)
-        limits = tuple(scale * side.number(name, "tolerance") for side, scale in pairs)
-        group = COST if name in COSTS else OWN if all(map(math.isnan, limits)) else JUDGED
-        if entry["kind"] == "instrument" or (group == OWN and name in built_in):
-            continue
-        doubts = [scale * side.doubt(name, entry["unit"]) for side, scale in pairs]
-        known = tuple(scale * side.studied(name) for side, scale in pairs)
-        doubt = min(doubts) if any(map(math.isnan, known)) else max(doubts)
-        rows[group].append(MetricRow(group, name, entry["label"], shown[0][1], values, doubt, limits, known))
-    return replace(result, rows=tuple(row for group in rows.values() for row in group))
-
-
 def compare_runs(
     folders: Sequence[str | Path],
     labels: Sequence[str] = (),
@@ -417,7 +415,7 @@ def compare_runs(
             raise InputError(f"--uncertainty holds for no walk with {pushed[0]}; leave it out.")
         study = matching(known, Request(label, run.parameters)) if known else None
         sides.append(Side(label, run, study, robust))
-    return comparison_of(sides)
+    return WalkComparison(sides)
 
 
 def _survived(files: Sequence[Path], walks: int) -> list[Robustness]:

@@ -23,7 +23,7 @@ from validation.show.style import INK, PARTS
 from validation.store.folders import write_whole
 from validation.store.json import read_json, write_json
 from validation.store.saved import load_saved_run
-from validation.study.compare.comparison import Side, WalkComparison, comparison_of
+from validation.study.compare.comparison import Side, WalkComparison
 from validation.study.compare.sweeps import SweepComparison
 from validation.study.robustness.result import Robustness
 from validation.trial.files import RunFile
@@ -49,7 +49,7 @@ def load_comparison(folder: Path) -> WalkComparison:
         raise InputError(f"{folder} compares two sweeps: it has a page, no figures; {way_out} to write it.")
     walks = read_json(path, kind, way_out)[1].walks
     sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
-    return comparison_of(list(sides))
+    return WalkComparison(list(sides))
 
 
 def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> Path:
