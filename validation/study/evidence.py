@@ -12,6 +12,8 @@ from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Template
+
 from ampm.exceptions import InputError
 from ampm.parameters import HUMAN
 from validation.progress import Progress
@@ -127,31 +129,9 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     return name, found
 
 
-def _linked(saved: SavedRun, rows: Sequence[Mapping[str, str]]) -> dict[str, Any]:
-    """The evidence as JSON-LD: ``evidence.jsonld`` with what is of this run."""
-    summary, text = saved.summary, files("validation").joinpath("study/evidence.jsonld").read_text("utf-8")
-    linked: dict[str, Any] = json.loads(text.replace("DIGEST", digest_of(saved)))
-    time = {"@value": summary["environment"]["time"], "@type": "http://www.w3.org/2001/XMLSchema#dateTime"}
-    linked |= {"schema:name": saved.title, "prov:generatedAtTime": time}
-    linked["bindsRequirement"] = {"@id": f"urn:ampm:profile:{summary['profile']}"}
+def _linked(saved: SavedRun, factors: Sequence[Mapping[str, str]]) -> dict[str, Any]:
+    """The evidence as JSON-LD: the template ``evidence.jsonld``, filled in."""
+    template = Template(files("validation").joinpath("study/evidence.jsonld").read_text("utf-8"))
     steps = saved.record.outcome.steps_completed
-    walked = f"{steps} step{'s' * (steps != 1)} of {saved.title}, friction "
-    walked += f"{saved.parameters.contact.friction:g}, profile {summary['profile']}."
-    linked["hasContextOfUse"] |= {"schema:name": saved.title, "hasOperatingEnvelope": walked}
-    if "uncertainty" in summary:
-        linked["hasValidationResult"]["hasUncertaintyQuantification"] = True
-    rationale = f"The trial: {summary['verdict']}. {summary['reason']}"
-    linked["hasDecisionRecord"] |= {"rationale": rationale, "role": summary["profile"], "decidedAt": time}
-    linked["hasCredibilityFactor"] = [
-        {
-            "@type": "CredibilityFactor",
-            "factorType": row["factor"],
-            "factorStandard": row["standard"],
-            "assessmentPhase": row["phase"],
-            "factorStatus": "assessed" if row["found"] else "not-assessed",
-            "acceptanceCriteria": row["criterion"],
-            "rationale": row["found"] or "not done",
-        }
-        for row in rows
-    ]
-    return linked
+    known = {"digest": digest_of(saved), "summary": saved.summary, "steps": steps, "factors": factors}
+    return dict(json.loads(template.render(saved=saved, **known)))
