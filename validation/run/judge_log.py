@@ -69,7 +69,7 @@ def judge_log(
         InputError: the log cannot be read, or is like the plan nowhere.
         MathematicalRefusal, BodilyRefusal: there is no such plan.
     """
-    progress, seconds = progress or Progress(), dict[str, float]()
+    progress = progress or Progress()
     if strides and (start is not None or place is not None):
         raise InputError(f"--strides takes no --start ({start}) and no --place ({place}); leave them out.")
     for name, given in (("--start", start), ("--place", place)):
@@ -85,8 +85,8 @@ def judge_log(
     signals, name = log_columns(table, columns)
     for column, meant in misspelt(signals, NAMES[1:]):
         progress.say(f"{name}: column {column} is not used; did you mean {meant}?")
-    with timed(seconds, "planning"):
-        planned = plan_walk(request, progress)
+    planned = plan_walk(request, progress)
+    seconds = {"planning": planned.seconds}
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
         walked = planned.plan
         log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)

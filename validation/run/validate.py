@@ -15,7 +15,7 @@ from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress, interruption
 from validation.run.trial import draw_run, write_inputs, write_results
-from validation.run.walk import timed, walk_planned
+from validation.run.walk import walk_planned
 from validation.store.folders import check_run_folder, run_folder
 from validation.store.record import save_record
 from validation.store.saved import read_summary
@@ -77,9 +77,7 @@ def validate(
         OSError: the disk is full.
     """
     check_run_folder(target, force=force)
-    seconds: dict[str, float] = {}
-    with timed(seconds, "planning"):
-        planned = plan_walk(request, progress)
+    planned = plan_walk(request, progress)
     with run_folder(target, force=force) as folder:
         write_inputs(folder, planned)
 
@@ -92,8 +90,7 @@ def validate(
 
         try:
             trial = walk_planned(planned, profile, disturbances=disturbances, progress=progress, keep=keep)
-            trial = replace(trial, uncertainty=uncertainty, seconds={**seconds, **trial.seconds})
-            summary = write_results(folder, trial)
+            summary = write_results(folder, replace(trial, uncertainty=uncertainty))
             del trial  # drawing needs the memory
         finally:
             interruption.holding = False

@@ -1,6 +1,5 @@
 """The trial of one gait: plan, walk, measure, compare, judge."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -8,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ampm.body.orbit import solve_motion
-from ampm.compiled import compilation, folder
+from ampm.compiled import folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
@@ -24,7 +23,7 @@ from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints
 from validation.trial.disturbances import Disturbance, check_disturbances, describe
-from validation.trial.plan import PlannedWalk, load_request, make_body, plan_walk
+from validation.trial.plan import PlannedWalk, clock, load_request, make_body, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 from validation.trial.users import CONTROLLER
@@ -80,11 +79,8 @@ def walk(
         chosen = chosen.replace({"controller.name": name_of_class})
     profile = own_profile(chosen, disturbances)
     request = replace(request, name=str(name or request.name), run=chosen)
-    seconds: dict[str, float] = {}
-    with timed(seconds, "planning"):
-        planned = plan_walk(request, progress, planner=None if isinstance(planner, str | Path) else planner)
-    trial = walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
-    return replace(trial, seconds={**seconds, **trial.seconds})
+    planned = plan_walk(request, progress, planner=None if isinstance(planner, str | Path) else planner)
+    return walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
 
 
 def walk_planned(
@@ -103,7 +99,7 @@ def walk_planned(
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
     profile = find_profile(profile)
-    taken = dict[str, float]()
+    taken = {"planning": planned.seconds}
     with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
 
         def advance(done: int, total: int) -> None:
@@ -146,6 +142,6 @@ def compile_once() -> None:
 @contextmanager
 def timed(seconds: dict[str, float], label: str) -> Iterator[None]:
     """Record the wall-clock time of a stage without that of compiling [s]."""
-    start = time.perf_counter() - compilation.seconds
+    start = clock()
     yield
-    seconds[label] = time.perf_counter() - compilation.seconds - start
+    seconds[label] = clock() - start

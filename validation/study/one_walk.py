@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from ampm.exceptions import InputError
 from ampm.parameters import OPTION_TABLES, RunParameters
 from validation.judge.profiles import find_profile
 from validation.run.trial import Trial
-from validation.run.walk import timed, walk_planned
+from validation.run.walk import walk_planned
 from validation.study.row_file import Row
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
@@ -48,13 +48,10 @@ def users_files(run: RunParameters) -> list[Path]:
 
 def walk_request(request: Request, profile: str = "default") -> Trial:
     """Plan, walk and judge one run of a study; KeyboardInterrupt after Ctrl-C, which leaves no result."""
-    seconds: dict[str, float] = {}
-    with timed(seconds, "planning"):
-        planned = plan_walk(request)
-    trial = walk_planned(planned, find_profile(profile))
+    trial = walk_planned(plan_walk(request), find_profile(profile))
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
-    return replace(trial, seconds={**seconds, **trial.seconds})
+    return trial
 
 
 def keep_run(folder: str, **options: Any) -> Row:

@@ -6,6 +6,7 @@ Every trial plans its gait here. Simulator and Pinocchio take a second to load: 
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -109,6 +110,7 @@ class PlannedWalk(Brief):
     tuned: Tuned | None = None
     replanner: Replanner | None = None  # the planner, if it goes on planning while its plan is walked
     note: str = ""  # how the steps of a user's planner differ from those of the run
+    seconds: float = 0.0  # wall-clock time of planning
 
     @property
     def name(self) -> str:
@@ -243,6 +245,13 @@ def make_body(run: RunParameters) -> Body:
     return Body.of(model)
 
 
+def clock() -> float:
+    """Wall-clock time without that of compiling [s]."""
+    from ampm.compiled import compilation
+
+    return time.perf_counter() - compilation.seconds
+
+
 def plan_walk(
     request: Request, progress: Progress | None = None, *, planner: Planner | None = None
 ) -> PlannedWalk:
@@ -257,8 +266,8 @@ def plan_walk(
     The planner is that of the run by default, and for footsteps :class:`ampm.planners.FootstepPlanner`.
     Raises InputError or RefusedGait if the request cannot be met, or a user's planner fails.
     """
+    begun, progress = clock(), progress or Progress()
     asked = run = request.run
-    progress = progress or Progress()
     from ampm.planners import FootstepPlanner, PeriodicPlanner, StandingPlanner, TablePlanner
 
     is_object = planner is not None
@@ -289,7 +298,7 @@ def plan_walk(
         if leaves_open(run):
             tuned = tune_walk(request, progress)
             if not name:
-                return tuned
+                return replace(tuned, seconds=clock() - begun)
             request, run, body = tuned.request, tuned.run, tuned.body
         check_formula(request)  # before a body is built
     if body is None:
@@ -310,7 +319,8 @@ def plan_walk(
             if problem := check_steps(plan, run, is_table=is_table, goes_on=replanner is not None):
                 note = f"The planner {name} plans {problem}."
                 progress.say(f"{request.name}: {note}")
-    return PlannedWalk(request, plan, body, name, replanner=replanner, note=note)
+    seconds = clock() - begun
+    return PlannedWalk(request, plan, body, name, None, replanner, note, seconds)
 
 
 def _check_request(
