@@ -10,7 +10,7 @@ from ampm.description import SoleGeometry
 from ampm.geometry import Array, blocks, polygon_margin
 from ampm.parameters import FootParameters, GaitParameters
 from ampm.planner.centroidal import CentroidalPlan
-from ampm.planner.contacts import footprint, times_within
+from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan, FootSample
 from ampm.planner.periodic import gait_contacts, plan_gait
 from ampm.planner.stride import plan_feet
@@ -18,10 +18,6 @@ from ampm.planner.stride import plan_feet
 _BESIDE_JUMP = 1e-9  # how far beside a jump of the support its two sides are evaluated [s]
 _GRID = 24  # instants between two jumps, and in every refinement
 _REFINEMENTS = 4
-_OFF = 5e-3  # most distance of a sole point on the floor from its footstep [m]
-_SHORTEST = 0.05  # least duration of a swing: none is half as short [s]
-_OUTSIDE = 0.02  # most distance of the ZMP from the support [m]: an optimised plan may leave it a little
-_POINTS = [0, 5, 1, 4, 2, 3]  # corners of a footprint in the order of a foot's sole points
 
 
 @dataclass(frozen=True)
@@ -119,46 +115,3 @@ def plan_steps(gait: GaitParameters, mass: float, foot: FootParameters, sole: So
 def _ascending(values: Array) -> Array:
     """Different values in order; :func:`numpy.unique` loads NumPy's masked arrays, which takes long."""
     return np.array(sorted(set(values.tolist())))
-
-
-def check_contacts(
-    plan: StepPlan, after: float = 0.0, phases: int | None = None, outside: float = _OUTSIDE
-) -> None:
-    """Raise ValueError for a plan whose feet or ZMP contradict its contacts in the middle of a phase.
-
-    Feet and the durations of swings are checked in all phases ``after`` a time [s], the ZMP in the first
-    ``phases`` of them, by default in all. The ZMP may be ``outside`` the support by this distance [m].
-    """
-    ahead = [phase for phase in plan.contacts.phases if phase.start + phase.duration > after]
-    for phase in ahead:
-        if phase.kind == "single_support" and phase.duration < _SHORTEST:
-            raise ValueError(
-                f"at {phase.start:.4g} s it swings a foot in {phase.duration:.3g} s; plan {_SHORTEST:g} s "
-                "or more"
-            )
-    times = np.array([0.5 * (max(phase.start, after) + phase.start + phase.duration) for phase in ahead])
-    feet = plan.feet.sample(times)
-    for row, phase in enumerate(ahead):
-        for side, footstep, foot in zip(("left", "right"), (phase.left, phase.right), feet, strict=True):
-            touching = foot.contact[row].repeat(2)
-            if bool(footstep) != touching.any():
-                ways = ("in the air", "on the floor")
-                raise ValueError(
-                    f"at {times[row]:.4g} s its contacts have the {side} foot {ways[bool(footstep)]}, and "
-                    f"the path of the foot has it {ways[not footstep]}"
-                )
-            if footstep:
-                corners = footprint(plan.feet.sole, footstep)[_POINTS]
-                off = np.linalg.norm(foot.sole_points[row, :, :2] - corners, axis=1)[touching].max()
-                if off > _OFF:
-                    raise ValueError(
-                        f"at {times[row]:.4g} s the path of its {side} foot is {off:.3g} m off its footstep"
-                    )
-    times = times[:phases]
-    margin = plan.zmp_margin(times)
-    worst = int(margin.argmin())
-    if margin[worst] < -outside:
-        raise ValueError(
-            f"at {times[worst]:.4g} s its ZMP is {-margin[worst]:.3g} m outside its support, more than "
-            f"{outside:g} m; keep it in the soles that stand"
-        )

@@ -21,6 +21,7 @@ from ampm.brief import Brief
 from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import HUMAN, NO_PLAN, OPEN_KEYS, OPTION_TABLES, CommandParameters, RunParameters
 from ampm.planner.periodic import plan_gait
+from ampm.planner.plan_checks import check_steps
 from ampm.presets import PRESETS
 from ampm.run_file import key_info, leaves_open, load_run
 from ampm.section import parse_setting
@@ -28,7 +29,7 @@ from ampm.sensor_parameters import EXACT
 from ampm.walk import Planner, Replanner, WalkPlan
 from validation.progress import Progress
 from validation.trial import users
-from validation.trial.users_plan import check_plan, check_steps
+from validation.trial.users_plan import check_plan
 
 if TYPE_CHECKING:
     from ampm.body.robot import Robot
@@ -316,7 +317,7 @@ def plan_walk(
         if not checked:
             check_plan(plan, run, body.robot)
             is_table = type(planner) is TablePlanner
-            if problem := check_steps(plan, run, is_table=is_table, goes_on=replanner is not None):
+            if problem := check_steps(plan.contacts, run, is_table=is_table, goes_on=replanner is not None):
                 note = f"The planner {name} plans {problem}."
                 progress.say(f"{request.name}: {note}")
     seconds = clock() - begun

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import TIME_TOLERANCE, Contacts
-from ampm.planner.support import check_contacts
+from ampm.planner.plan_checks import ASIDE, check_contacts, check_duration, check_footsteps
 from ampm.reference import Reference, Timing
 from ampm.walk import Controller, Replanner, State, Touch, WalkPlan
 from validation.trial.followed import LEADS, FrozenPlan
 from validation.trial.physics import Physics
 from validation.trial.users import UsersCode, planner_problem, replan_period
-from validation.trial.users_plan import ASIDE, check_duration, check_footsteps, check_judged
+from validation.trial.users_plan import check_judged
 
 _CHECKED = ("com", "com_velocity", "com_acceleration", "foot_position", "q", "v", "acceleration")
 _SAME_ACCELERATION = 1e-6  # of COM, feet and joints in two plans [m/s^2, rad/s^2]
@@ -127,7 +127,7 @@ class References:
                 )
             _check_past(plan.contacts, valid.contacts, time)
             check_contacts(plan, time, _NEXT, _OUTSIDE)
-            check_footsteps(plan, self.run, later=True)
+            check_footsteps(plan.contacts, self.run, later=True)
             check_duration(plan.contacts, float(plan.contacts.step_ends[: self.steps][-1]), self.run)
         self.follow(plan)
 
