@@ -163,10 +163,8 @@ def reference_type(nq: int, nv: int) -> np.dtype[Any]:
     ``nq`` and ``nv`` are the sizes of Pinocchio's configuration and velocity.
     """
     sizes: dict[int | str, int | str] = {"nq": nq, "nv": nv}
-    fields: list[Any] = []
-    for name, field in FIELDS.items():
-        fields.append((name, field.kind, tuple(sizes.get(length, length) for length in field.shape)))
-    return np.dtype(fields, align=True)
+    shapes = {name: tuple(sizes.get(n, n) for n in field.shape) for name, field in FIELDS.items()}
+    return np.dtype([(name, FIELDS[name].kind, shape) for name, shape in shapes.items()], align=True)
 
 
 class Timing(NamedTuple):

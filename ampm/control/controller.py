@@ -113,11 +113,11 @@ class TrackingController:
         if self._prepare is None:
             self._prepare = bound(prepare_qp, (self._handle,), stepper, 0.0, 0.0, True)
         if self._prepare(stepper, state.velocity_lag, touch.age, first):
-            solution, status = self.contact_qp.solver.solve(), SOLVED
-            if solution.solved:
-                work.contact.solution[:] = solution.x[: self.contact_qp.forces]
-            else:
-                work.contact.solution[:], status = self._last_iterate(solution), UNSOLVED
+            solution = self.contact_qp.solver.solve()
+            status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.contact_qp.forces]
+            if not (solution.solved or np.isfinite(solution.x).all()):  # infeasible: those of the last tick
+                forces = without_closed(work.body.points, work.contact.forces)
+            work.contact.solution[:] = forces  # which the accelerations follow by the dynamics in any case
             if not self._finish(work.wanted.jumps[0], first):
                 solution, status = self._solve_limited(solution, status)
         else:
@@ -136,16 +136,6 @@ class TrackingController:
             work.joints.rate if work.extrapolates else None,
             Reference(self._row[0]) if work.stepping["off_plan"][0] else None,
         )
-
-    def _last_iterate(self, solution: QPSolution) -> Array:
-        """Contact forces of an unsolved QP, shape (U,) [m g]; those of the last tick if it is infeasible.
-
-        The accelerations follow the dynamics in any case.
-        """
-        if np.isfinite(solution.x).all():
-            return solution.x[: self.contact_qp.forces]
-        work = self.workspace
-        return without_closed(work.body.points, work.contact.forces)
 
     def _repeat_command(self) -> QPSolution:
         """Write the command of a tick without a QP, from accelerations and forces of the last tick."""
@@ -183,12 +173,10 @@ class TrackingController:
             work.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]
             self._torques()
         self._keep(work.wanted.jumps[0], self._first)
-        both = QPSolution(
-            limited.x,
-            limited.solved,
-            max(solution.residual, limited.residual),
-            solution.iterations + limited.iterations,
-            solution.seconds + limited.seconds,
+        both = limited._replace(
+            residual=max(solution.residual, limited.residual),
+            iterations=solution.iterations + limited.iterations,
+            seconds=solution.seconds + limited.seconds,
         )
         return both, max(status, LIMITED if limited.solved else UNSOLVED)
 
