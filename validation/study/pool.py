@@ -12,14 +12,12 @@ import os
 import queue
 import signal
 import sys
-import sysconfig
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from functools import cache
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ from validation.store.folders import disk_is_full
 from validation.store.machine import HIDDEN_FILE, cores, hidden_main
 from validation.study.one_walk import users_classes
 from validation.study.row_file import Row
-from validation.trial.users import SENT, UsersError
+from validation.trial.users import SENT, UsersError, is_users
 
 STARTED = "ampm-run-started"
 """Topic of dask's events by which a worker says that it begins a run."""
@@ -130,18 +128,10 @@ def _printable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-_OURS = [f"{Path(__file__).parents[2]}/{name}" for name in ("ampm", "models", "validation", "benchmarks")]
-_INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
-_KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
-"""Folders of this project's packages, and of what is installed."""
-
-_real = cache(os.path.realpath)  # asked of every module before each run
-
-
 def users_file(module: Any) -> str | None:
     """File of a loaded module that is neither installed nor of this project; None of any other module."""
     file = getattr(module, "__file__", None) or getattr(module, HIDDEN_FILE, None)
-    return file if file is not None and not _real(file).startswith(_KNOWN) else None
+    return file if file is not None and is_users(file) else None
 
 
 def pickled(value: Any, *, by_value: bool = True) -> bytes:

@@ -3,6 +3,7 @@
 import inspect
 import io
 import math
+import os
 import pickle
 import re
 import sys
@@ -10,7 +11,7 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from operator import attrgetter
@@ -21,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import ampm
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text, separator
 from ampm.parameters import NO_PLAN, RunParameters
@@ -32,11 +32,19 @@ from ampm.section import Option, nearest
 from ampm.sensor_parameters import EXACT
 from ampm.walk import Planner
 
-_OURS = Path(ampm.__file__).parent, Path(__file__).parents[1], Path(traceback.__file__).parent
-_INSTALLED = [Path(path) for path in map(sysconfig.get_path, ("stdlib", "purelib", "platlib"))]
+_OURS = [Path(__file__).parents[2] / name for name in ("ampm", "models", "validation", "benchmarks")]
+_INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+_KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
+_STANDARD = Path(traceback.__file__).parent  # library
 SUFFIXES = (".csv", ".parquet")
 """Suffixes of tables."""
 _WAY_OUT = "; correct it, --debug shows the traceback."
+
+
+@cache
+def is_users(file: str) -> bool:
+    """Whether a file is neither installed nor of this project."""
+    return not os.path.realpath(file).startswith(_KNOWN)
 
 
 class UsersError(InputError):
@@ -71,8 +79,8 @@ class UsersCode:
             error.add_note(f"so says the {self.what} {name}")
         if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
-            places = [(path, line) for path, line in frames if not any(map(path.is_relative_to, _OURS))]
-            users = [at for at in places if not any(map(at[0].is_relative_to, _INSTALLED))] or places
+            places = [at for at in frames if not any(map(at[0].is_relative_to, (*_OURS, _STANDARD)))]
+            users = [at for at in places if is_users(str(at[0]))] or places
             place = "".join(f" in {path.name}, line {line}" for path, line in users[-1:])
             raise UsersError(
                 f"the {self.what} {name} failed ({type(error).__name__}: {words_of(error)}){place}{_WAY_OUT}"
