@@ -29,8 +29,6 @@ from validation.trial.followed import JUDGED_LEAD
 Rows = NDArray[np.intp]
 SHORT = {"planner": "gait.planner", "controller": "controller.name"}
 """Short names of keys."""
-EFFORT = "energy_cost_of_transport"
-"""Metric of the effort."""
 SAME_PACE = 0.05
 """Share by which a planner's speed may differ from the median of its task without a note [1]."""
 SHARE = 0.1
@@ -256,7 +254,7 @@ class _Runs:
             runs=len(distinct),
             survived=len(done),
             error=_median(self.errors[done]),
-            effort=_median(self.table.numbers(EFFORT)[done]),
+            effort=_median(self.table.numbers("energy_cost_of_transport")[done]),
             notes=tuple(self._notes(task, rows, done, len(counted) - len(distinct))),
             errors={replicas[row]: float(self.errors[row]) for row in done if np.isfinite(self.errors[row])},
             completed=[(replicas[row], bool(self.completed[row])) for row in distinct],

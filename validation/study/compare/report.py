@@ -48,8 +48,8 @@ def load_comparison(folder: Path) -> WalkComparison:
     if "matched" in read_json(path, dict[str, Any], way_out)[0]:
         raise InputError(f"{folder} compares two sweeps: it has a page, no figures; {way_out} to write it.")
     walks = read_json(path, kind, way_out)[1].walks
-    sides = (Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks)
-    return WalkComparison(list(sides))
+    sides = [Side(one.label, load_saved_run(folder / one.run), one.study, one.robustness) for one in walks]
+    return WalkComparison(sides)
 
 
 def write_comparison(result: WalkComparison | SweepComparison, folder: Path) -> Path:

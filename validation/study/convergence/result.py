@@ -106,11 +106,6 @@ class Study:
     ratio: float = 0.0  # of neighbouring levels of a numerical study, 0 of a contact law or the engine
 
     @property
-    def numerical(self) -> bool:
-        """Whether its levels approach a limit."""
-        return self.ratio > 0.0
-
-    @property
     def tasks(self) -> tuple[str, ...]:
         """Task of each level."""
         return OWN, *(f"{self.key}={value}" for value in self.values[1:])
@@ -146,7 +141,7 @@ class Convergence(Tabled):
     @property
     def completed(self) -> bool:
         """Whether every walk of the numerical studies completed."""
-        tasks = [OWN, *(task for study in self.studies if study.numerical for task in study.tasks)]
+        tasks = [OWN, *(task for study in self.studies if study.ratio for task in study.tasks)]
         return all(self.walks[task]["outcome"] == "completed" for task in tasks)
 
     @property
@@ -270,7 +265,7 @@ def _study_metric(name: str, studies: Sequence[Study], walks: Mapping[str, Row])
         rows = [walks[task] for task in study.tasks]
         known = [_values(row) if row["outcome"] == "completed" else {} for row in rows]
         levels[study.name] = values = tuple(found.get(name, math.nan) for found in known)
-        if study.numerical:
+        if study.ratio:
             is_never = METRICS[name].nature in _NEVER
             estimates[study.name] = estimate(values, study.ratio, forbidden=is_never)
         else:
