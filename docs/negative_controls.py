@@ -20,9 +20,9 @@ import validation as val
 from ampm.body.robot import Robot
 from ampm.parameters import RunParameters
 from ampm.planner.pendulum import AffineLaw
+from ampm.planner.table import plan_table, sample_times
 from ampm.walk import Planner, WalkPlan
 from benchmarks.page import replace_between
-from validation.store.tables import plan_table, sample_times
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("negative-controls.md")

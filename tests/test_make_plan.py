@@ -9,9 +9,9 @@ import pytest
 import ampm
 import validation as val
 from ampm.planner.newton import check_newton
+from ampm.planner.table import plan_table, sample_times
 from tests import properties, test_footsteps
 from tests.solved import COARSE, planned_walk, walk_of
-from validation.store.tables import plan_table, sample_times
 
 in_turn = ampm.Contacts.in_turn
 NOW = 0.8

@@ -154,9 +154,8 @@ def test_the_conclusion_says_who_tracks_best_at_which_cost_and_how_near_to_limit
     margins["torque"]["value"] = 1.0
     said = WalkComparison([a, changed(b, margins=margins)]).sentence
     assert "other reached a limit (largest torque, of the motor's limit, 100 %)" in said
-    nan = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
-    unknown = {**margins, "torque": None, "friction": None}
-    said = WalkComparison([a, changed(b, nan, margins=unknown)]).sentence
+    no = dict.fromkeys(("zmp_x_rmse", "zmp_y_rmse"), math.nan)
+    said = WalkComparison([a, changed(b, no, margins={**margins, "torque": None, "friction": None})]).sentence
     assert said.startswith("No error of the ZMP is judged in every walk. No difference in mech")
     said = WalkComparison([a, changed(b, verdict="not_measured", profile="jumps")]).sentence
     assert re.search(r"smooth stayed below .* default \(.*other was not measured by .* jumps \(", said)

@@ -15,9 +15,9 @@ from ampm.planner.centroidal import CentroidalPlan, PlanConstants
 from ampm.planner.footstep_walk import plan_footstep_walk
 from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
-from ampm.planner.table import repeats, table_motion
+from ampm.planner.table import plan_table, repeats, sample_times, table_motion
 from tests.solved import body_of
-from validation.store.tables import plan_table, sample_times, write_columns
+from validation.store.tables import write_columns
 from validation.trial.users import read_columns
 
 STEPS = 3

@@ -1,6 +1,6 @@
-"""A plan from the columns of a table: COM, ZMP and footsteps, as ``ampm plan --samples`` writes them.
+"""A plan as a table, as ``ampm plan --samples`` writes it, and a plan from a table: COM, ZMP, footsteps.
 
-Columns, one row per instant, SI units, world frame (x forward, y left):
+Columns that are read, one row per instant, SI units, world frame (x forward, y left):
 
 ==============================  ===========================================================================
 ``time``                        ascending from 0 [s]
@@ -23,7 +23,8 @@ Other columns are not read. The feet are placed on the footsteps; how they swing
 Only a table that begins with a double support, a walk from standing to standing, may turn and climb.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -31,28 +32,80 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
+from ampm.description import SOLE_POINT_GROUPS
 from ampm.exceptions import InputError
 from ampm.geometry import Array
-from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan
+from ampm.planner.centroidal import CentroidalPhase, CentroidalPlan, phase_of
 from ampm.planner.contacts import STANCE_NAMES, Contacts, Footstep, Side
 from ampm.planner.sampled import SampledLaw
 from ampm.planner.stride import quintic
 from ampm.planner.support import StepPlan
 from ampm.section import misspelt
 
+MOST_SAMPLES = 5_000_000
+"""Samples of one table at most: about 2 GB of memory."""
 REPEATED = 1e-3
 """Largest distance of the COM from that of the first step, mirrored, for steps that repeat [m]."""
 _ORDER = np.array(["left", "both", "right", "both"])
 _SAME = 1e-6  # of footsteps and durations that repeat [m, s]
 _LARGEST = {"angular_momentum": 1e3, "com_acceleration": 1e3, "com_z": 1e2, "": 1e4}  # by a name's begin
 _NOISE, _NOISY = 1e-3, 0.25  # of the ZMP between rows [m], and in which share of them
+_FEET = ("left", "right")
 _PLACE = ("x", "y", "z", "heading")
 _NAMES = (
     *(f"{name}_{axis}" for name in ("com", "com_acceleration", "zmp", "angular_momentum") for axis in "xyz"),
-    *(f"{foot}_placement_{axis}" for foot in ("left", "right") for axis in _PLACE),
+    *(f"{foot}_placement_{axis}" for foot in _FEET for axis in _PLACE),
     "phase_start",
 )
 _GRID = 64  # instants of a step that are compared with the first one's
+
+
+def sample_times(duration: float, rate: float) -> Array:
+    """Times k / rate [Hz] within the duration of a plan [s].
+
+    Raises :class:`InputError` if the rate is no positive finite number, or gives too many samples.
+    """
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(f"--rate {rate:g} Hz must be a positive number; give for example 200.")
+    last = duration * rate * (1 + 1e-12)
+    if last >= MOST_SAMPLES:
+        raise InputError(
+            f"--rate {rate:g} Hz gives {last:.4g} samples, over {MOST_SAMPLES}; lower the rate or the steps."
+        )
+    return np.minimum(np.arange(math.floor(last) + 1) / rate, duration)
+
+
+def plan_table(plan: CentroidalPlan, times: Array) -> dict[str, NDArray[Any]]:
+    """A plan at given times, shape (N,) [s]: column name to array (N,), in SI units and world frame.
+
+    Every plan has the feet's placements (of a swinging foot the next one); one with a body's soles also has
+    the motion of their reference points, pitch, toe angle and contacts. Undefined entries are NaN.
+    """
+    sample = plan.sample(times)
+    phase = phase_of(plan.contacts.starts, sample.time)
+    columns: dict[str, NDArray[Any]] = {
+        "time": sample.time,
+        "phase": sample.phase_name.astype(object),
+        "stance": sample.stance_name.astype(object),
+        "phase_start": plan.contacts.starts[phase],
+    }
+
+    def add(name: str, values: NDArray[Any], endings: Sequence[str] = "xyz") -> None:
+        columns.update((f"{name}_{ending}", part) for ending, part in zip(endings, values.T, strict=False))
+
+    com = ("com", "com_velocity", "com_acceleration")
+    for name in (*com, "dcm", "zmp", "force", "moment", "angular_momentum"):
+        add(name, getattr(sample, name))
+    for side, foot in enumerate(_FEET):
+        add(f"{foot}_placement", plan.contacts.placements[phase, side])
+        columns[f"{foot}_placement_heading"] = plan.contacts.foot_headings[phase, side]
+    if not isinstance(plan, StepPlan):
+        return columns
+    for foot, motion in zip(_FEET, plan.feet.sample(times), strict=True):
+        add(f"{foot}_foot", motion.position)
+        columns |= {f"{foot}_foot_pitch": motion.pitch, f"{foot}_toe": motion.toe}
+        add(foot, motion.contact, [f"{group}_contact" for group in SOLE_POINT_GROUPS])
+    return columns
 
 
 def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:

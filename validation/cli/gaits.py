@@ -82,8 +82,9 @@ def plan(
     from ampm.parameters import NO_PLAN
     from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
+    from ampm.planner.table import plan_table, sample_times
     from ampm.run_file import dump_run
-    from validation.store.tables import plan_table, sample_times, write_columns
+    from validation.store.tables import write_columns
     from validation.trial.plan import plan_walk
 
     files.check()
