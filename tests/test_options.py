@@ -21,12 +21,11 @@ from tests.test_study_kills import forget
 from validation.cli.options import with_short
 from validation.store.environment import parameter_values
 from validation.study.many import Task
-from validation.study.one_walk import users_classes
 from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.trial.plan import load_request, plan_walk
-from validation.trial.users import CONTROLLER, PLANNER
+from validation.trial.users import CONTROLLER, PLANNER, users_classes
 
 SOFT = f"{__name__}:Soft"
 SLOW = f"{__name__}:Slow"

@@ -19,9 +19,9 @@ from tests.solved import simulated, walk_of
 from tests.test_negative_controls import script
 from tests.test_tick import frames
 from validation.judge.compare import _from_standing_foot
-from validation.study.one_walk import users_classes
 from validation.trial.coordinates import to_pinocchio
 from validation.trial.readings import Sensors
+from validation.trial.users import users_classes
 
 SENSORS = script("sensors")
 NOISE, FORCE_TORQUE = SENSORS.NOISE, SENSORS.ROBOT

@@ -103,9 +103,9 @@ def walk_once(
     from validation.judge.metrics import added_metrics
     from validation.run.walk import walk
     from validation.study.many import identity
-    from validation.study.one_walk import users_classes
     from validation.study.pool import pickled
     from validation.trial.plan import load_request
+    from validation.trial.users import users_classes
 
     if isinstance(controller, Mapping):
         sections, controller = {**sections, "controller": controller}, None

@@ -1,20 +1,24 @@
 """What a result depends on: versions, platform, revision, and hashes of parameters and sources."""
 
+import ast
 import hashlib
 import json
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
 from ampm.parameters import OPTION_TABLES, RunParameters
-from validation.store.machine import cores
+from validation.store.machine import HIDDEN_FILE, cores
+from validation.trial.users import is_users
 
 COMPUTING = ("mujoco", "dm-control", "pin", "osqp", "numba", "numpy", "scipy")
 """Distributions whose version can change a number."""
@@ -117,3 +121,28 @@ def code_hash() -> str:
         digest.update(path.read_bytes())
     digest.update(repr([platform.machine(), *map(version_of, COMPUTING)]).encode())
     return digest.hexdigest()[:_DIGITS]
+
+
+def users_file(module: Any) -> str | None:
+    """File of a loaded module that is neither installed nor of this project; None of any other module."""
+    file = getattr(module, "__file__", None) or getattr(module, HIDDEN_FILE, None)
+    return file if file is not None and is_users(file) else None
+
+
+def users_sources(module: str) -> str:
+    """Hash of a user's module and of the user's modules that it imports; empty for other modules."""
+    files, names = dict[str, bytes](), [module]
+    for name in names:  # which grow
+        found: Any = sys.modules.get(name)
+        file = users_file(found)
+        if name in files or file is None:
+            continue
+        files[name] = source = Path(file).read_bytes()
+        for node in ast.walk(ast.parse(source)) if file.endswith(".py") else ():
+            if isinstance(node, ast.Import):
+                names += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                with suppress(ImportError):  # a relative one, of a module without a package
+                    home = resolve_name("." * node.level + (node.module or ""), found.__package__)
+                    names += [home, *(f"{home}.{alias.name}" for alias in node.names)]
+    return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""

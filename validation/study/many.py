@@ -4,16 +4,13 @@ A finished run is one line of ``rows.jsonl``, written before it is reported. To 
 :func:`walk_many` again with ``resume``: a task whose row is there is not walked.
 """
 
-import ast
 import hashlib
 import inspect
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -25,12 +22,12 @@ from ampm.parameters import RunParameters
 from ampm.section import unknown
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, interruption
-from validation.store.environment import code_hash
+from validation.store.environment import code_hash, users_sources
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
-from validation.study.one_walk import users_classes, users_files
-from validation.study.pool import ThisProcess, Workers, connect, open_pool, users_file
+from validation.study.pool import ThisProcess, Workers, connect, open_pool
 from validation.study.row_file import ROWS, Row, RowFile
+from validation.trial.users import users_classes, users_files
 
 
 @dataclass(frozen=True)
@@ -69,29 +66,10 @@ def identity(value: Any) -> str:
         thing: Any = value
         cells = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
         held = [kept for kept in cells if kept is not value]
-        return f"{thing.__module__}:{thing.__qualname__} {_sources(thing.__module__)} {identity(held)}"
+        return f"{thing.__module__}:{thing.__qualname__} {users_sources(thing.__module__)} {identity(held)}"
     if hasattr(value, "__dict__"):
         return f"{identity(type(value))} {identity(vars(value))}"
     return repr(value)
-
-
-def _sources(module: str) -> str:
-    """Hash of a user's module and of the user's modules that it imports; empty for other modules."""
-    files, names = dict[str, bytes](), [module]
-    for name in names:  # which grow
-        found: Any = sys.modules.get(name)
-        file = users_file(found)
-        if name in files or file is None:
-            continue
-        files[name] = source = Path(file).read_bytes()
-        for node in ast.walk(ast.parse(source)) if file.endswith(".py") else ():
-            if isinstance(node, ast.Import):
-                names += [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                with suppress(ImportError):  # a relative one, of a module without a package
-                    home = resolve_name("." * node.level + (node.module or ""), found.__package__)
-                    names += [home, *(f"{home}.{alias.name}" for alias in node.names)]
-    return hashlib.sha256(b"".join(files.values())).hexdigest() if files else ""
 
 
 class Execution(TypedDict, total=False):

@@ -31,12 +31,11 @@ from validation.judge.metrics import added_metrics, set_metrics
 from validation.judge.profiles import Profile
 from validation.progress import interruption
 from validation.run.walk import compile_once
-from validation.store.environment import code_hash
+from validation.store.environment import code_hash, users_file
 from validation.store.folders import disk_is_full
-from validation.store.machine import HIDDEN_FILE, cores, hidden_main
-from validation.study.one_walk import users_classes
+from validation.store.machine import cores, hidden_main
 from validation.study.row_file import Row
-from validation.trial.users import SENT, UsersError, is_users
+from validation.trial.users import SENT, UsersError, users_classes
 
 STARTED = "ampm-run-started"
 """Topic of dask's events by which a worker says that it begins a run."""
@@ -126,12 +125,6 @@ def error_columns(error: BaseException) -> Row:
 def _printable(text: str) -> str:
     """A text that UTF-8 can hold; names of files may have other bytes."""
     return text.encode("utf-8", "backslashreplace").decode()
-
-
-def users_file(module: Any) -> str | None:
-    """File of a loaded module that is neither installed nor of this project; None of any other module."""
-    file = getattr(module, "__file__", None) or getattr(module, HIDDEN_FILE, None)
-    return file if file is not None and is_users(file) else None
 
 
 def pickled(value: Any, *, by_value: bool = True) -> bytes:

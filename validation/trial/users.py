@@ -10,7 +10,8 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from ampm.exceptions import AmpmError, InputError, RefusedGait, SolverError, words_of
 from ampm.files import LARGEST_TABLE, check_columns, read_file, read_text, separator
-from ampm.parameters import NO_PLAN, RunParameters
+from ampm.parameters import NO_PLAN, OPTION_TABLES, RunParameters
 from ampm.planner.centroidal import CentroidalPlan
 from ampm.planner.step_planners import STEP_PLANNERS
 from ampm.planner.support import StepPlan
@@ -34,7 +35,7 @@ from ampm.walk import Planner
 
 _OURS = [Path(__file__).parents[2] / name for name in ("ampm", "models", "validation", "benchmarks")]
 _INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
-_KNOWN = tuple(os.path.realpath(path) + os.sep for path in (*_OURS, *_INSTALLED))
+_KNOWN = tuple(os.path.realpath(path) + os.sep for path in map(str, (*_OURS, *_INSTALLED)))
 _STANDARD = Path(traceback.__file__).parent  # library
 SUFFIXES = (".csv", ".parquet")
 """Suffixes of tables."""
@@ -267,6 +268,33 @@ def check_classes(run: RunParameters) -> None:
         name, options = role.named(run)
         if name not in role.known or options:
             role.find(name, options)
+
+
+def users_classes(value: Any) -> dict[str, Any]:
+    """Users' classes and tables that the runs in a value name, by these names.
+
+    Raises :class:`InputError` if there is no such controller, planner or estimator.
+    """
+    if isinstance(value, RunParameters):
+        named = ((role, *role.named(value)) for role in ROLES)
+        return {name: role.find(name, options) for role, name, options in named if name not in role.known}
+    if is_dataclass(value):
+        value = vars(value)
+    items = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    return {name: thing for item in items for name, thing in users_classes(item).items()}
+
+
+def users_files(run: RunParameters) -> list[Path]:
+    """A user's own body and its model, without meshes, and files that options name, such as a policy."""
+    options = map(run.value, OPTION_TABLES)
+    values = [value for table in options for value in table.values() if isinstance(value, str)]
+    files = [Path(value) for value in (run.body.source, *values) if os.path.isfile(value)]
+    if Path(run.body.source) in files:
+        from models.source import read_body_file, source_path  # loads the simulator
+
+        with suppress(InputError):  # its runs will say what is wrong
+            files.append(source_path(read_body_file(files[0]).source, files[0].parent))
+    return files
 
 
 def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})) -> "Planner":

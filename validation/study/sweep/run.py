@@ -20,7 +20,7 @@ from validation.store.folders import output_file, write_whole
 from validation.store.json import write_json
 from validation.store.machine import cores
 from validation.study.many import Execution, Task, study_folder, walk_many
-from validation.study.one_walk import keep_run, users_classes, walk_request
+from validation.study.one_walk import keep_run, walk_request
 from validation.study.pool import error_columns
 from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
@@ -29,7 +29,7 @@ from validation.study.sweep.schema import walk_columns
 from validation.study.sweep.table import RunState, SweepFile, SweepTable, build_table, key_of
 from validation.table import Table, Tabled, format_duration
 from validation.trial.plan import Request, check_formula
-from validation.trial.users import UsersError
+from validation.trial.users import UsersError, users_classes
 
 _CHECKED, _TRIED = 1000, 8  # runs that a dry run checks; that it tries until one of them can be walked
 
