@@ -103,7 +103,10 @@ class Robot:
         self.point_frames = tuple(self._frame(site) for _, _, site in points)
         self.point_foot = np.array([foot for foot, _, _ in points])
         self.point_group = np.array([SOLE_POINT_GROUPS.index(group) for _, group, _ in points])
-        self._mirror_index, self._mirror_sign = self._mirror_map()
+        joints, images, signs = zip(*description.mirror, strict=True)
+        order = self.velocity_indices(joints) - 6
+        self._mirror_index, self._mirror_sign = np.zeros(self.nu, dtype=np.intp), np.zeros(self.nu)
+        self._mirror_index[order], self._mirror_sign[order] = self.velocity_indices(images) - 6, signs
         self.passive = np.zeros((self.nu, 4))
         for item in description.passive:
             values = item.damping, item.stiffness, item.spring, item.friction
@@ -160,14 +163,6 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Hinges in velocity order."""
         return tuple(self.model.names[2:])
-
-    def _mirror_map(self) -> tuple[NDArray[np.intp], Array]:
-        index, sign = np.zeros(self.nu, dtype=np.intp), np.zeros(self.nu)
-        for joint, other, s in self.description.mirror:
-            to = self.velocity_indices((joint,))[0] - 6
-            index[to] = self.velocity_indices((other,))[0] - 6
-            sign[to] = s
-        return index, sign
 
     def mirror_joints(self, values: Array) -> Array:
         """Reflect joint values (..., nu) in the sagittal plane."""
