@@ -85,7 +85,7 @@ def walk(
 
 def walk_planned(
     planned: PlannedWalk,
-    profile: Profile = DEFAULT,
+    profile: Profile | str = DEFAULT,
     *,
     controller: ControllerFactory | None = None,
     disturbances: Sequence[Disturbance] = (),

@@ -21,7 +21,7 @@ from ampm.exceptions import InputError, RefusedGait
 from ampm.parameters import FIELDS, KEYS, NO_PLAN, OPEN_KEYS, RunParameters
 from ampm.planner.step_planners import STEP_PLANNERS
 from validation.judge.margins import SATURATED
-from validation.judge.profiles import PUSHED, find_profile, own_profile
+from validation.judge.profiles import PUSHED, own_profile
 from validation.judge.verdict import VerdictName
 from validation.run.judge_log import judge_run
 from validation.run.walk import walk_planned
@@ -150,7 +150,7 @@ def walk_case(case: Case) -> Row:
     planned = plan_walk(case.request)
     if case.lifted:
         planned = replace(planned, body=_stronger(planned.body))
-    trial = walk_planned(planned, find_profile(case.profile), disturbances=case.pushes)
+    trial = walk_planned(planned, case.profile, disturbances=case.pushes)
     end, torque = trial.record.outcome, trial.comparison.costs["margins"]["torque"]
     if end.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt

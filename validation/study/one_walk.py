@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-from validation.judge.profiles import find_profile
 from validation.run.trial import Trial
 from validation.run.walk import walk_planned
 from validation.study.row_file import Row
@@ -13,7 +12,7 @@ from validation.trial.plan import Request, plan_walk
 
 def walk_request(request: Request, profile: str = "default") -> Trial:
     """Plan, walk and judge one run of a study; KeyboardInterrupt after Ctrl-C, which leaves no result."""
-    trial = walk_planned(plan_walk(request), find_profile(profile))
+    trial = walk_planned(plan_walk(request), profile)
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt
     return trial
