@@ -70,16 +70,16 @@ def test_files_settings_and_python_give_the_same_options(tmp_path):
 
 
 def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
-    file = tmp_path / "own.toml"
-    file.write_text(f'[controller]\nname = "{SOFT},gain=0.5"\n')
+    (file := tmp_path / "own.toml").write_text(f'[controller]\nname = "{SOFT},gain=0.5"\n')
     assert load_run(file).controller.options == {"gain": 0.5}
     assert load_run(file, ["controller.options.gain=2"]).controller.options == {"gain": 2}
     run = load_run(file, [f"controller.name={SOFT},gain=3"])
     assert run.controller.options == {"gain": 3}
     assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
     assert run.replace({"controller.options": {"mode": "x"}}).controller.options == {"mode": "x"}
-    request = load_request("normal", [f"controller.name={SOFT},gain=3"])
-    assert request.title == f"normal, controller.name {SOFT}, controller.options.gain 3"
+    asked = (("normal", f"controller.name={SOFT},gain=3"), (None, "body.source=g1"))
+    titles = [f"normal, controller.name {SOFT}, controller.options.gain 3", "g1"]
+    assert [load_request(gait, [setting]).title for gait, setting in asked] == titles
 
 
 def test_options_reach_a_class_given_in_python_and_the_saved_run_keeps_them(tmp_path):

@@ -153,9 +153,9 @@ class Ranking(Tabled):
         note = (
             "The error is the median of the ZMP's RMS distance from the plan as it stood "
             f"{JUDGED_LEAD:g} s before. Ranks are shared where replicas (95 % interval) or numerical "
-            f"uncertainty ({100.0 * SHARE:g} %){spread}"
+            f"uncertainty ({100.0 * SHARE:g} %){spread} 95 %: of the share that survives. Cost: of transport."
         )
-        columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost of transport", "notes")
+        columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost", "notes")
         overview = Table("ranks", (head, *(f">{task}" for task in tasks)), ranks, [note])
         return [overview, *(Table(task, columns, self._rows(task)) for task in tasks)]
 

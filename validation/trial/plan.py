@@ -65,9 +65,6 @@ class Request:
         return gait_title(self.name, self.changed)
 
 
-_SHOWN = ("gait.steps", "gait.planner")  # keys that a run's title names by themselves
-
-
 def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
     """Name of a gait, what was changed in it, its planner: ``normal, gait.c_y 0.93, planner dcm``."""
     values = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in changed.values())
@@ -190,7 +187,8 @@ def load_request(
     for options, key in OPTION_TABLES.items():
         if "," in str(keys.get(key)):
             keys |= {f"{options}.{option}": value for option, value in run.value(options).items()}
-    return Request(name, run, {key: run.value(key) for key in keys if key not in _SHOWN})
+    named = ["gait.steps", "gait.planner", *(["body.source"] if gait is None else [])]  # by the title itself
+    return Request(name, run, {key: run.value(key) for key in keys if key not in named})
 
 
 def load_requests(gaits: Sequence[str | None], settings: Sequence[str] = (), **options: Any) -> list[Request]:
