@@ -170,7 +170,7 @@ class Table:
 
     def _html_class(self, column: int, cell: str = "") -> str:
         names = ["n"] * self.is_right(column) + ["long"] * (len(cell) > _LONG)
-        names += ["unit"] * (self.columns[column] == "unit")
+        names += ["unit"] * (self.columns[column] in ("unit", "standard"))  # not broken at hyphens
         if color := self._color(column, cell):
             names.append(color)
         return f' class="{" ".join(names)}"' if names else ""

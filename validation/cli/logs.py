@@ -61,8 +61,8 @@ def judge(
     up: time, and the ground force in one of three ways. Both feet together: force_x, force_y, force_z,
     zmp_x, zmp_y. Each foot: left_force_x ..., left_cop_x, left_cop_y, and right_.... Six-axis sensors:
     left_sensor_force_x ..., left_sensor_torque_x ... in the sensor's axes, its place left_sensor_x ... and
-    its axes left_sensor_quaternion_w ... in the world, and right_.... Optional are com_x ...,
-    angular_momentum_x ..., command_zmp_x ....
+    its axes left_sensor_quaternion_w ... in the world, and right_.... com_x ...,
+    angular_momentum_x ..., command_zmp_x ... are optional.
 
     The start is found by cross-correlation, the place by the mean ZMP, and both are printed; --start 0
     --place 0 0 keeps a log as it is. An empty cell is a gap. Metrics whose signals the log lacks are named as
