@@ -28,19 +28,19 @@ def trial():
 
 def test_it_is_kept_as_the_command_line_keeps_it(trial, tmp_path):
     assert trial.timing.keys() >= {"planning", "simulation", "measurement", "real_time_factor"}
-    assert trial.summary["gait"] == "pushed"
     begin = trial.measured.time[trial.comparison.inside][0]
     assert begin == pytest.approx(0.5, abs=1e-3)  # of the push, in the first step
     folder = pickle.loads(pickle.dumps(trial)).save(tmp_path / "run", recording=False)
     saved = val.load(folder)
-    assert saved.summary["disturbances"] == ["push of (20, 0, 0) N on chest from 0.5 s for 0.1 s"]
+    push = "push of (20, 0, 0) N on chest from 0.5 s for 0.1 s"
+    assert (saved.summary["gait"], saved.summary["disturbances"]) == ("pushed", [push])
+    assert f"gait pushed, {push}, body human" in val.report(folder).read_text(encoding="utf-8")
     assert saved.summary["metrics"].keys() <= trial.metrics.keys()
     np.testing.assert_array_equal(saved.record.torque, trial.record.torque)
     assert val.replay(folder).identical
     settings = [f"--set={s}.{k}={v}" for s, table in RUN.items() for k, v in table.items()]
-    again = str(tmp_path / "again")
-    call(["validate", "normal", *settings, "--push", "chest,20,0,0,0.5,0.1", "--out", again])
-    np.testing.assert_array_equal(val.load(again).record.torque, trial.record.torque)
+    call(["validate", "normal", *settings, "--push=chest,20,0,0,0.5,0.1", "--out", str(tmp_path / "again")])
+    np.testing.assert_array_equal(val.load(tmp_path / "again").record.torque, trial.record.torque)
 
 
 class Broken:

@@ -11,9 +11,9 @@ from ampm.exceptions import InputError
 from validation.show.chart import Picture
 from validation.store.folders import check_target, write_whole
 from validation.store.json import dump_json
+from validation.store.metric_table import walk_title
 from validation.store.saved import SavedRun, digests
 from validation.table import Table, tex
-from validation.trial.plan import gait_title
 
 FORMATS, TABLES = ("pdf", "svg", "pgf"), ("tex", "md", "csv")
 """Formats of figures and of tables."""
@@ -89,7 +89,7 @@ def cite_run(saved: SavedRun) -> Citation:
     steps = saved.record.outcome.steps_completed
     what = "Log beside" if saved.is_log else f"Run of {steps} step{'s' * (steps != 1)},"
     changed = {key: value for key, value in summary.get("changed", {}).items() if key != "body.source"}
-    gait = gait_title(summary["gait"], changed)
+    gait = walk_title({**summary, "changed": changed, "planner": ""})
     text = f"{what} gait {gait}, body {body}, {how}"
     return cite(text, summary["environment"], digest_of(saved))
 

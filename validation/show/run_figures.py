@@ -25,7 +25,7 @@ _FEET = {"left": LEFT, "right": RIGHT}
 _STEPS, _MOTORS = 4, 16  # steps seen from above, and motors whose torque is drawn
 _KINDS = (("plan", PLAN, 2.4, ""), ("command", COMMAND, 1.1, DASHED), ("measured", MEASURED, 1.1, ""))
 """Kind, colour, width and dashes of a curve, told apart in grey, too; the plan is below the others."""
-_DASHES = ("", DASHED, "1 2")  # dashes of the components of a vector
+_DASHES = ("", DASHED, "1.5 1")  # dashes of the components of a vector
 
 
 def strides(signals: Signals) -> list[slice]:
