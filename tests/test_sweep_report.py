@@ -70,7 +70,7 @@ def test_axes_have_the_units_of_their_keys():
 
 
 def test_texts_and_infinities():
-    names = ["ampm", "dcm", "lipm"]
+    names = ["ampm", "dcm", "mine:Lipm"]
     grid: dict[str, Any] = {"gait.c_s": [0.6, 1.0], "gait.a_s": [2.63, np.inf], "gait.planner": names}
     table = make_table(failures=False, grid=grid)
     values = [*table["metric_zmp_y_rmse"].to_pylist()[:-1], np.inf]
@@ -78,13 +78,13 @@ def test_texts_and_infinities():
     assert sweep.worst[0] == len(sweep) - 1
     assert any("inf mm" in row for row in sweep_metric_table(sweep).rows)
     headings = [row[0] for row in sweep_metric_table(sweep).rows if is_heading(row)]
-    assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner lipm"]
+    assert headings == ["gait.planner ampm", "gait.planner dcm", "gait.planner mine:Lipm"]
     charts = [picture.charts[0] for picture in draw_sweep(sweep)]
     (planners,) = (chart for chart in charts if chart.xlabel == "gait.planner")
-    assert planners.xticks == {"ampm": 0.0, "dcm": 1.0, "lipm": 2.0}
+    assert planners.xticks == {"ampm": 0.0, "dcm": 1.0, "Lipm": 2.0}
     (zmp,) = (chart for chart in charts if chart.title.startswith("ZMP, RMS error along x"))
     assert zmp.xlabel == "gait.c_s"
-    assert [mark.label for mark in zmp.marks if mark.label] == names
+    assert [mark.label for mark in zmp.marks if mark.label] == [*planners.xticks]
     dots = [mark.points for chart in charts for mark in chart.marks if mark.round]
     assert all(np.isfinite(points).all() for points in dots)
 

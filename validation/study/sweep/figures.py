@@ -62,8 +62,8 @@ def draw_sweep(sweep: SweepTable) -> list[Picture]:
     groups = states
     if len(named := texts(sweep)) == 1:
         ((key, names),) = named.items()
-        colors = zip(names, cycle((*PARTS, INK)), strict=False)
-        groups = {name: (drawn & (sweep.values(key) == name), color) for name, color in colors}
+        shown_as = zip(names, short_names(names), cycle((*PARTS, INK)), strict=False)
+        groups = {short: (drawn & (sweep.values(key) == name), color) for name, short, color in shown_as}
     used = np.minimum(100.0 * sweep.worst_used, _MOST_USED)
     more = f" (more at {_MOST_USED:g})" if (100.0 * sweep.worst_used > _MOST_USED).any() else ""
     share = Axis(f"largest share of a tolerance{more} [%]", used, limit=100.0)
