@@ -22,7 +22,6 @@ import pytest
 
 if TYPE_CHECKING:
     from ampm.parameters import RunParameters
-    from validation.judge.profiles import Profile
     from validation.run.trial import Trial
 
 _WALKED, _PLACE = pytest.StashKey[list["Trial"]](), pytest.StashKey[Path]()
@@ -60,11 +59,13 @@ def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 def assert_within(request: pytest.FixtureRequest) -> Callable[..., None]:
     """``assert_within(profile, *trials)``: every tolerance is met; by default by all that the test walked.
 
-    Without a profile the preset's own counts.
+    Without a profile the preset's own counts, as in ``assert_within(trial)``.
     """
 
-    def check(profile: Profile | str | None = None, *trials: Trial) -> None:
+    def check(profile: Any = None, *trials: Trial) -> None:
         __tracebackhide__ = True
+        if hasattr(profile, "judged"):
+            profile, trials = None, (profile, *trials)
         trials, wrong = trials or tuple(request.node.stash.get(_WALKED, ())), []
         if not trials:
             pytest.fail("this test walked nothing; call walked() first, or give the trials.", pytrace=False)
