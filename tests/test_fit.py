@@ -295,6 +295,9 @@ def test_force_plates_of_c3d(sign, unit, tmp_path, ampm):
     answer = ampm("fit", path, "--com-height", 0.865, "--out", tmp_path / "fit", "--json")
     assert answer.status == 0, answer.err
     assert answer.json["constants"]["c_single_x"]["value"] == pytest.approx(1.2, abs=0.01)
+    (cut := tmp_path / "cut.c3d").write_bytes(path.read_bytes()[:100_000])
+    with pytest.raises(InputError, match=r"cut\.c3d is cut off after \d+ of \d+ frames; give all of it"):
+        log_columns(cut)
     point["UNITS"]["value"] = ()
     file.write(str(path))
     with pytest.raises(InputError, match=r"walk\.c3d: POINT:UNITS is ''; write m, cm or mm"):

@@ -11,6 +11,7 @@ from ampm.geometry import Array
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _LEAST = 10.0  # vertical force with a centre of pressure [N]
+_BIG_ENDIAN = 86  # type of processor
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -22,7 +23,7 @@ def read(path: Path) -> dict[str, Any]:
         as ``SACR_x``, NaN where it was not seen, or the plates' column of that name. Forces act on the body.
 
     Raises:
-        InputError: no C3D file, or one without force plates or a unit of lengths.
+        InputError: no C3D file, or one that is cut off, or without force plates or a unit of lengths.
     """
     try:
         file = ezc3d.c3d(str(path), extract_forceplat_data=True)
@@ -35,6 +36,12 @@ def read(path: Path) -> dict[str, Any]:
     unit = "".join(of.get("UNITS", {"value": []})["value"][:1]).strip().lower()  # of the plates, too
     if unit not in _LENGTHS:
         raise InputError(f"{path}: POINT:UNITS is {unit!r}; write m, cm or mm, the unit of lengths, into it.")
+    data = path.read_bytes()  # ezc3d takes the frames that are there, and changes the header to them
+    order = ">u2" if data[512 * (data[0] - 1) + 3] == _BIG_ENDIAN else "<u2"
+    first, last = np.frombuffer(data, order, 2, 6).tolist()
+    if points.shape[2] <= last - first:
+        wanted = last - first + 1
+        raise InputError(f"{path} is cut off after {points.shape[2]} of {wanted} frames; give all of it.")
     rate, scale = file["header"]["analogs"]["frame_rate"], _LENGTHS[unit]
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
     seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
