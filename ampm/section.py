@@ -24,7 +24,7 @@ _ALIKE = 0.93  # of two names, by difflib: less are other names [1]
 
 def _sizable(value: float) -> float:
     if 0.0 < abs(value) < _LEAST:
-        raise ValueError(f"it should be 0, or at least {_LEAST:g} in magnitude")
+        raise ValueError(f"it should be at least {_LEAST:g} in magnitude, if it is not 0")
     return value
 
 

@@ -61,7 +61,7 @@ def test_keys_by_section_by_word_and_by_both(ampm):
     [
         (["--as-is", "--set=gait.switching_velocity=0.3"], {"kind": "mathematical", "unit": "m/s"}),
         (["--as-is", "--set", "gait.step_width=0.02"], {"kind": "bodily", "reason": "soles_overlap"}),
-        (["--bogus"], {"kind": "input"}),
+        (["--save", "a\udcff.toml"], {"kind": "input", "value": "a\udcff.toml"}),
         (["--set", "body.mass=-60"], {"kind": "input", "value": -60, "limit": "must be at least 0.1 kg"}),
         (["--set", "gait.C_S=1"], {"key": "gait.C_S", "nearest": "gait.c_s"}),
     ],

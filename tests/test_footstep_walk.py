@@ -140,12 +140,13 @@ def test_footsteps_of_a_file_walk_and_are_read_back(tmp_path, ampm):
     for axis in "xy":  # everything from the first motion on
         assert answer.json["metrics"][f"zmp_{axis}_rmse"]["value"] < 1.5e-3
     saved = val.load(out)
-    assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(path)).footsteps
+    assert saved.parameters.footsteps == RUN.replace({}, footsteps=routes.read_footsteps(str(path))).footsteps
     walk = saved.plan()
     assert walk is not None
     zmp = walk.sample(saved.signals.time).zmp
     np.testing.assert_allclose(zmp[:, 0], saved.signals["plan_zmp_x"], rtol=0.0, atol=1e-12)
     assert ampm("replay", out).status == 0
+    assert "walks its footsteps" in ampm("plan", out / "run.toml", "--set", "gait.steps=7").err
 
 
 @pytest.mark.parametrize("heading", [3.0, 6.9])

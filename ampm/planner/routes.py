@@ -155,19 +155,19 @@ def of_row(row: FootstepParameters) -> Footstep:
     return Footstep(row.foot, (row.x, row.y, row.z), row.heading, row.time)
 
 
-def read_footsteps(path: Path) -> list[Footstep]:
+def read_footsteps(path: str | Path) -> list[Footstep]:
     """Footsteps from a CSV file whose columns are the keys of ``[[footsteps]]``; cells may be empty.
 
     Commas, semicolons or tabs part the columns, the latter two with decimal commas, too. Raises
     :class:`InputError` if the file cannot be read, or a row is not a footstep.
     """
     try:
-        text = read_text(path)
+        text = read_text(Path(path))
         between = separator(text)
         lines = io.StringIO(text if between == "," else text.replace(",", "."), newline="")
         table = csv.DictReader(lines, skipinitialspace=True, delimiter=between)
         table.fieldnames = names = [name.strip() for name in table.fieldnames or ()]
-        check_columns(names, path)
+        check_columns(names, Path(path))
         found = [(table.line_num, row) for row in table if any(row.values())]
     except csv.Error as error:
         raise InputError(f"the file {str(path)!r} cannot be read ({error}); give a CSV file.") from None

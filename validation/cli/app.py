@@ -79,6 +79,8 @@ def _call(arguments: Sequence[str], commands: typer.Typer) -> int:
         logging.basicConfig(level=logging.WARNING)
         logging.getLogger("ampm").setLevel(logging.DEBUG)
     try:
+        if wrong := next((text for text in arguments if text.encode(errors="ignore").decode() != text), ""):
+            raise ampm.InputError(f"the argument {wrong!r} is not UTF-8; give another name.", value=wrong)
         with command.make_context(commands.info.name, list(arguments)) as context:
             status = int(command.invoke(context) or 0)
         interruption.check()

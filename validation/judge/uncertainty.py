@@ -52,11 +52,10 @@ class Uncertainty:
     def difference(self, request: Request) -> str:
         """First key in which a run differs from the studied one, with both values; empty if none does."""
         own, studied = json_ready(parameter_values(request.run)), json_ready(self.parameters)
-        if "footsteps" in own:
-            return "it walks over footsteps"
         for key in {**studied, **own}:
             if key != "gait.steps" and studied.get(key) != own.get(key):  # the gait is periodic
-                return f"{key} = {studied.get(key)}, and here {own.get(key)}"
+                values = f"{key} = {studied.get(key)}, and here {own.get(key)}"
+                return "other footsteps" if key == "footsteps" else values
         return ""
 
 

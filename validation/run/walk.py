@@ -64,7 +64,7 @@ def walk(
         raise InputError(f"{planner!r} cannot be the planner; give an object with a method plan, or a name.")
     check_disturbances(disturbances)
     if isinstance(footsteps, str | Path):
-        footsteps = read_footsteps(Path(footsteps))
+        footsteps = read_footsteps(footsteps)
     sections = {} if footsteps is None else {"footsteps": [*footsteps]}
     if sections == {"footsteps": []}:
         raise InputError("footsteps is empty; leave it out to walk the gait's own, or give at least 3.")

@@ -15,14 +15,13 @@ Each says whether it is shown in percent, whether the larger value is better, it
 time step on the presets, rounded up (``change``, a share of the value, and ``least`` [SI] of one near zero),
 and verb and noun of a conclusion.
 """
-_SMALL = 0.01  # planned ZMP margin that is explained [m]
 
 
 def cost_table(summary: Mapping[str, Any]) -> Table:
     """Effort of a walk, and what was left to its limits, beside which agreement must be read."""
     notes = [_sentence(summary)]
     margin = summary["margins"]["plan_polygon"]["value"]
-    if margin is not None and abs(margin) < _SMALL:
+    if margin is not None and abs(margin) <= ROLL_TOLERANCE:
         notes.append(
             "The planned ZMP margin is that of the worst instant: when a rolling foot lifts its heel, the "
             "ZMP passes the ball, which is then the edge of the support; a plan may pass it by "
