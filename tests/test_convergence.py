@@ -130,6 +130,8 @@ def test_the_files_are_whole_and_serve_any_number_of_steps_of_their_gait(tmp_pat
 
 
 def test_the_exit_status_follows_the_verdict(monkeypatch, capsys):
+    monkeypatch.setattr(convergence, "walk_many", lambda s, **_: [row(load_run()) | vars(t) for t in s])
+    assert convergence.convergence(load_request("normal", COARSE, sections=FEET)).uncertainty.steps == 5
     monkeypatch.setattr(convergence, "convergence", lambda *args, **keywords: study(offset=1e-3))
     assert call(["convergence", "normal"]) == Status.OUT_OF_TOLERANCE
     assert "UNDECIDED" in capsys.readouterr().out

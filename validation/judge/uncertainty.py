@@ -53,9 +53,9 @@ class Uncertainty:
         """First key in which a run differs from the studied one, with both values; empty if none does."""
         own, studied = json_ready(parameter_values(request.run)), json_ready(self.parameters)
         for key in {**studied, **own}:
-            if key != "gait.steps" and studied.get(key) != own.get(key):  # the gait is periodic
-                values = f"{key} = {studied.get(key)}, and here {own.get(key)}"
-                return "other footsteps" if key == "footsteps" else values
+            was, now = studied.get(key), own.get(key)
+            if key != "gait.steps" and was != now:  # the gait is periodic
+                return "other footsteps" if key == "footsteps" else f"{key} = {was}, and here {now}"
         return ""
 
 

@@ -206,8 +206,7 @@ def judge(
     own = {metric.name for metric in added_metrics()}
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
-        longer = {"pushed": "after the push", "free": "at the commanded velocity"}
-        reason += f" Walk longer {longer.get(profile.name, 'than its first step')}."
+        reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
         reason += f" Checks of the measurement that were not made: {checks}."
     if profile.name != DEFAULT.name:

@@ -347,7 +347,7 @@ def _check_request(
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not declared.get("plans_footsteps", True):
         raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
-    if run.footsteps and "gait.steps" in run.given and run.gait.steps != key_info("gait.steps").default:
+    if run.footsteps and run.gait.steps not in (key_info("gait.steps").default, len(run.footsteps) - 2):
         progress.say(f"{request.name}: walks its footsteps, not gait.steps")
     if "gait_keys" in declared:
         noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given

@@ -101,6 +101,7 @@ def convergence(
         raise InputError(f"--steps {steps}: the first step is not judged; walk 2 or more.", value=steps)
     request, folder = load_request(gait), study_folder(execution)
     limits = find_profile(profile or own_profile(request.run))
+    steps = len(request.run.footsteps) - 2 if request.run.footsteps else steps  # from rest to rest
     request = replace(request, run=request.run.replace({"gait.steps": steps}))
     request = plan_walk(request, execution.get("progress")).request  # with all values
     found = studies(request.run)

@@ -142,8 +142,8 @@ def robustness(
     if own := [key for key in FIELDS if key.startswith(_OWN) and asked.value(key) != FIELDS[key].default]:
         says = execution.get("progress") or Progress()
         says.say(f"{request.name}: a robustness study has its own, and does not use: {', '.join(own)}")
-    short = replace(request, run=asked.replace({"gait.steps": PUSH_STEP + 2}).giving(asked.given))
-    planned = plan_walk(short, execution.get("progress"))
+    run = asked.replace({} if asked.footsteps else {"gait.steps": PUSH_STEP + 2}).giving(asked.given)
+    planned = plan_walk(replace(request, run=run), execution.get("progress"))
     if any(cell.is_push for cell in cells):
         push_instant(planned.plan.contacts, "forward", "early", PUSH_STEP + 1)
     run = planned.run.as_is().replace({f"disturbance.push_{axis}": 0.0 for axis in "xyz"})
