@@ -24,6 +24,8 @@ _ALIKE = 0.995  # share of the largest correlation from which strides fit alike 
 _WHOLE = 0.8  # share of the weight from which a foot counts as the one that stands [1]
 _RESTS = 0.5  # force along the floor that a walk exceeds in every step, over the plan's RMS [1]
 _STANDS = 1.5  # time without such a force over the plan's longest step, or of a stride over the median [1]
+_CLIMBS = 0.08  # most rise of a COM over that of the plan's on a way as long, over its height [1]
+_FAR = 1.0  # least such way [m]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
 
 
@@ -109,6 +111,25 @@ def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
             (x, y), (u, v) = (_centred(way).T for way in (wanted, given))
             return np.nanmean(wanted - given, axis=0), name.upper(), math.atan2(x @ v - y @ u, x @ u + y @ v)
     return np.zeros(2), "", 0.0
+
+
+def check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
+    """Refuse a COM that climbs or sinks, in the mean, unlike the plan's at some times [s]."""
+    com = log.signals.get("com", np.empty((0, 3)))
+    com = com[np.isfinite(com).all(axis=1)]
+    slopes, far = [], 0.0
+    for way in (plan.sample(times).com, com):
+        away = np.hypot(*(way - way[:1])[:, :2].T)
+        far = away.max(initial=0.0)
+        if far < _FAR:
+            return
+        slopes.append(float(np.polyfit(away, way[:, 2], 1)[0]))
+    planned, found = slopes
+    if abs(found - planned) * far > _CLIMBS * com[:, 2].mean():
+        raise InputError(
+            f"{log.name}: the COM climbs by {found:z.3f} m a metre, the plan's by {planned:z.3f}; plan the "
+            "floor (gait.slope, or footsteps with z), or leave out the columns of com."
+        )
 
 
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:

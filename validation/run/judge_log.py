@@ -15,7 +15,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import SIGNALS, compare
-from validation.judge.log import find_place, find_start, mean_stride, steps_beside
+from validation.judge.log import PHASES, check_climb, find_place, find_start, mean_stride, steps_beside
 from validation.judge.metrics import display_unit, evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
@@ -184,6 +184,7 @@ def _aligned(
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
     measured, notes = log, _notes_on_rows(log)
     if strides:
+        check_climb(log, plan, np.linspace(plan.judged_from, plan.duration, PHASES))
         log, facts["strides"] = mean_stride(log, plan)
         notes.append(_note_on_strides(facts["strides"], plan, log.weight))
     else:
@@ -209,6 +210,8 @@ def _aligned(
     late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
     facts |= _missing(measured if strides else judged, late, strides=strides)
     _check_phases(judged, plan)
+    if not strides:
+        check_climb(judged, plan, judged.time)
     by, mean_of, turn = find_place(judged, plan)
     if place is not None:
         by = np.array(place)
