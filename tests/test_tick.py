@@ -15,7 +15,7 @@ from numba.core import config
 from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.compiled import refer
 from ampm.control.controller import TrackingController
-from ampm.control.tick import finish_tick, keep_tick, prepare_qp
+from ampm.control.tick import keep_tick, prepare_qp, take_forces
 from ampm.control.workspace import ANGULAR, Workspace, gains_of
 from ampm.parameters import BodyParameters, RunParameters
 from validation.trial.plan import make_body
@@ -64,12 +64,11 @@ def inverse_dynamics(robot, q, v, acceleration, point_force):
 
 
 class Tick(NamedTuple):
-    """One tick: the workspace before and after it, and what it was told."""
+    """One tick: the workspace before and after it."""
 
     robot: Any
     old: Workspace
     c: Workspace
-    velocity_lag: float
 
 
 def copied(part):
@@ -130,13 +129,13 @@ def ticks(source, count=TICKS):
     handle, done = refer(c), []
     for k in range(count):
         randomise(c, robot, rng, k)
-        first, still = k == 0, k % 9 == 0
-        velocity_lag, load_age = 0.0005 * (k % 2), 0.001
+        c.wanted.jumps[0] = k % 9 == 0
+        c.sensed.velocity_lag[0], c.sensed.force_age[0] = 0.0005 * (k % 2), 0.001
         old = copied(c)
-        assert prepare_qp(handle, None, velocity_lag, load_age, first)
-        if not finish_tick(handle, still, first):
-            keep_tick(handle, still, first)
-        done.append(Tick(robot, old, copied(c), velocity_lag))
+        assert prepare_qp(handle, None, k == 0)
+        take_forces(handle)
+        keep_tick(handle, k == 0)
+        done.append(Tick(robot, old, copied(c)))
     return done
 
 
@@ -155,7 +154,7 @@ def close(actual, expected):
 def test_kinematics(walked):
     for it in walked:
         q, c, robot = it.c.sensed.q, it.c, it.robot
-        now = c.sensed.v + it.velocity_lag * it.old.motion.last_acceleration
+        now = c.sensed.v + c.sensed.velocity_lag * it.old.motion.last_acceleration
         jacobian = task_jacobian(robot, q)
         close(c.motion.now, now)
         close(c.body.com, pin.centerOfMass(robot.model, robot.data, q))

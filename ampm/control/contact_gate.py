@@ -21,14 +21,11 @@ OLDEST = 0.005
 
 
 @compiled
-def update_contacts(work: Workspace, first: bool) -> bool:
+def update_contacts(work: Workspace, first: bool) -> None:
     """Advance the lines by one tick, and give the points what is sensed at them, and their limits.
 
     A line opens, and closes before its lift-off, in the time ``contact_ramp``. ``first`` says whether a run
     starts, standing on the planned points.
-
-    Returns:
-        Whether a line that is not fully open touches or has begun to open.
     """
     wanted, points, lines, stepping = work.wanted, work.body.points, work.contact.lines, work.stepping[0]
     ramp = work.gains.contact_ramp
@@ -43,7 +40,7 @@ def update_contacts(work: Workspace, first: bool) -> bool:
         points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
         if points[i].touching:
             lines[points[i].foot, points[i].line].touching = True
-    landing = supported = False
+    supported = False
     for foot in range(len(lines)):
         for group in range(3):
             line = lines[foot, group]
@@ -58,19 +55,16 @@ def update_contacts(work: Workspace, first: bool) -> bool:
             if close_lifted_tips and group == TIP and line.off > OFF and until_lift > ramp:
                 line.limit = 0.0
             supported = supported or line.limit > 0.0
-            if line.opening < 1.0 and (line.touching or line.opening > 0.0):
-                landing = True
     for foot in range(len(lines)):
         line = lines[foot, TIP]
         if not supported and line.due and line.touching:  # nothing else holds the body
             line.touched, line.opening, line.limit = True, 1.0, 1.0
     for i in range(len(points)):
         points[i].limit = lines[points[i].foot, points[i].line].limit
-    return landing
 
 
 @compiled
-def land(work: Workspace, load_age: float) -> None:
+def land(work: Workspace) -> None:
     """Account for points of landing lines, whose forces differ from those commanded.
 
     The floor pushes as the foot arrives. The QP takes a share of this force as given, their least force, and
@@ -82,14 +76,12 @@ def land(work: Workspace, load_age: float) -> None:
     less was commanded: were it given, the torques would press the foot down. The QP's forces and these give
     the commanded net wrench.
 
-    Args:
-        work: the points' force limits are raised, and the expected forces taken from the wanted momentum.
-        load_age: how old the measured normal forces are [s].
+    The points' force limits are raised, and the expected forces taken from the wanted momentum.
     """
-    gains, points, contact = work.gains, work.body.points, work.contact
+    gains, points, contact, age = work.gains, work.body.points, work.contact, work.sensed.force_age[0]
     weight = work.body.mass * work.body.gravity
-    since = 1.0 - load_age * gains.frequency if work.extrapolates else 0.0  # ticks, from the last one
-    gain = gains.landing_compensation if load_age <= OLDEST else 0.0
+    since = 1.0 - age * gains.frequency if work.extrapolates else 0.0  # ticks, from the last one
+    gain = gains.landing_compensation if age <= OLDEST else 0.0
     forces, change, momentum = contact.forces, contact.change, contact.momentum
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i

@@ -18,7 +18,7 @@ from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
 from ampm.control.limited_qp import LimitedQP, acceleration_bounds
 from ampm.control.qp import QPSettings, QPSolution
-from ampm.control.tick import finish_tick, keep_tick, prepare_qp, update_torques
+from ampm.control.tick import keep_tick, prepare_qp, take_forces, update_torques
 from ampm.control.workspace import SteppingState, make_workspace
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
@@ -62,9 +62,9 @@ class TrackingController:
         self._tracker: StepTracker | None = None
         self._handle = refer(work)
         self._prepare: Any = None
-        self._finish = bound(finish_tick, (self._handle,), True, True)
+        self._take_forces = bound(take_forces, (self._handle,))
         self._torques = bound(update_torques, (self._handle,))
-        self._keep = bound(keep_tick, (self._handle,), True, True)
+        self._keep = bound(keep_tick, (self._handle,), True)
 
     @property
     def acceleration(self) -> Array | None:
@@ -105,23 +105,24 @@ class TrackingController:
         stepper = None if self._tracker is None else self._tracker.begin(state.time)
         self._row[0] = reference.row
         sensed = work.sensed
-        sensed.q[:], sensed.v[:] = state.q, state.v
-        sensed.normal_force[:], sensed.contact[:] = touch.normal_force, touch.contact
-        sensed.threshold[0] = touch.threshold
+        sensed.q[:], sensed.v[:], sensed.velocity_lag[0] = state.q, state.v, state.velocity_lag
+        sensed.normal_force[:], sensed.force_age[0] = touch.normal_force, touch.age
+        sensed.contact[:], sensed.threshold[0] = touch.contact, touch.threshold
         if first:
             work.motion.last_acceleration[:] = work.wanted.acceleration
         if self._prepare is None:
-            self._prepare = bound(prepare_qp, (self._handle,), stepper, 0.0, 0.0, True)
-        if self._prepare(stepper, state.velocity_lag, touch.age, first):
+            self._prepare = bound(prepare_qp, (self._handle,), stepper, True)
+        if self._prepare(stepper, first):
             solution = self.contact_qp.solver.solve()
             status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.contact_qp.forces]
             if not (solution.solved or np.isfinite(solution.x).all()):  # infeasible: those of the last tick
                 forces = without_closed(work.body.points, work.contact.forces)
             work.contact.solution[:] = forces  # which the accelerations follow by the dynamics in any case
-            if not self._finish(work.wanted.jumps[0], first):
+            if not self._take_forces():
                 solution, status = self._solve_limited(solution, status)
         else:
             solution, status = self._repeat_command(), UNSOLVED
+        self._keep(first)
         self._first = False
         return ControlOutput(
             work.joints.torque,
@@ -146,7 +147,6 @@ class TrackingController:
         self._torques()
         if not np.isfinite(work.joints.torque).all():
             work.joints.torque[:] = 0.0
-        self._keep(work.wanted.jumps[0], self._first)
         return QPSolution(work.contact.solution, False, math.inf, 0, 0.0)
 
     def _solve_limited(self, solution: QPSolution, status: int) -> tuple[QPSolution, int]:
@@ -172,7 +172,6 @@ class TrackingController:
             work.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
             work.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]
             self._torques()
-        self._keep(work.wanted.jumps[0], self._first)
         both = limited._replace(
             residual=max(solution.residual, limited.residual),
             iterations=solution.iterations + limited.iterations,

@@ -13,7 +13,7 @@ LARGEST = 0.1
 
 
 @compiled
-def update_rate(work: Workspace, still: bool) -> None:
+def update_rate(work: Workspace, first: bool) -> None:
     """Rates of the torques until the next tick, from those until this one.
 
     The rate is the last difference over the period, with three exceptions. It is limited. Where the contact
@@ -22,7 +22,7 @@ def update_rate(work: Workspace, still: bool) -> None:
 
     Args:
         work: torques and lines of this tick and of the last one; the rate is written.
-        still: whether this is the first tick, or the plan jumps in this tick or has jumped in the last one.
+        first: whether this is the first tick of a run, which has no last one.
     """
     joints, contact, same_contact = work.joints, work.contact, True
     for foot in range(len(contact.lines)):
@@ -33,7 +33,7 @@ def update_rate(work: Workspace, still: bool) -> None:
     torque, before, limit, rate = joints.torque, joints.last_torque, joints.torque_limit, joints.rate
     for j in range(len(torque)):
         largest = LARGEST * limit[j]
-        if still:
+        if first or work.wanted.jumps[0]:
             rate[j] = 0.0
         elif same_contact:
             rate[j] = clip(torque[j] - before[j], -largest, largest) * work.gains.frequency

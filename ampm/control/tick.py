@@ -1,4 +1,4 @@
-"""One control tick: :func:`prepare_qp` before the QP of the contact forces, :func:`finish_tick` after it.
+"""One control tick: :func:`prepare_qp` before the QP of the contact forces, :func:`take_forces` after it.
 
 With task rows B (momentum over the mass, soles, toes), accelerations a, contact forces f, their wrench map W:
 
@@ -7,9 +7,10 @@ With task rows B (momentum over the mass, soles, toes), accelerations a, contact
     posture       a ~ wanted                           in the metric of the posture weights
     wrench        W f ~ command                        the QP's cost, under friction and unilateral contact
 
-:func:`prepare_qp` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`finish_tick` takes a
-and, by inverse dynamics, the torques from f. Task-space inverse dynamics of this kind: Wensing & Orin, ICRA
-2013; Del Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et al., Autonomous Robots 2016.
+:func:`prepare_qp` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`take_forces` takes a
+and, by inverse dynamics, the torques from f. :func:`keep_tick` ends the tick. Task-space inverse dynamics of
+this kind: Wensing & Orin, ICRA 2013; Del Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et
+al., Autonomous Robots 2016.
 """
 
 import numpy as np
@@ -33,65 +34,55 @@ from ampm.vectors import minus, multiply, plus, put, times, vector
 
 
 @compiled
-def prepare_qp(work: Workspace, stepper: Stepper | None, lag: float, load_age: float, first: bool) -> bool:
+def prepare_qp(work: Workspace, stepper: Stepper | None, first: bool) -> bool:
     """Set up the QP of the contact forces from what is sensed and wanted.
 
     Args:
         work: all that the tick reads and writes.
         stepper: of a walk that may leave its plan; None for one that may not, and is not compiled then.
-        lag: how much older the measured velocity is than the configuration [s].
-        load_age: how old the measured normal forces are [s].
         first: whether this is the first tick of a run.
 
     Returns:
         Whether there is a QP: the task rows are independent, and all numbers finite.
     """
-    update_kinematics(work, lag)
+    update_kinematics(work)
     if stepper is not None:
         update_reference(work, stepper)
     else:
         follow_floor(work)
-    landing = update_contacts(work, first)
+    update_contacts(work, first)
     update_command(work, stepper)
     update_tasks(work)
     scale_tasks(work)
     if not eliminate_tasks(work.tasks, work.motion.posture):
         return False
-    set_up_qp(work, landing, load_age)
+    set_up_qp(work)
     return True
 
 
 @compiled
-def finish_tick(work: Workspace, still: bool, first: bool) -> bool:
-    """Take accelerations and torques from the contact forces that the QP found.
-
-    Args:
-        work: all that the tick reads and writes; ``work.contact.solution`` are the forces.
-        still: whether the torque is held until the next tick, because the plan jumps.
-        first: whether this is the first tick of a run.
+def take_forces(work: Workspace) -> bool:
+    """Take accelerations and torques from the contact forces ``work.contact.solution``.
 
     Returns:
-        Whether the torques and joint rates are within their limits; if not, nothing is kept.
+        Whether the torques and joint rates are within their limits.
     """
     update_accelerations(work)
     update_torques(work)
-    if limit_broken(work.sensed.q, work.sensed.v, work.motion.acceleration, work.joints):
-        return False
-    keep_tick(work, still, first)
-    return True
+    return not limit_broken(work.sensed.q, work.sensed.v, work.motion.acceleration, work.joints)
 
 
 @compiled
-def update_kinematics(work: Workspace, velocity_lag: float) -> None:
+def update_kinematics(work: Workspace) -> None:
     """Write places, task Jacobian B' and rates B v, drift and COM of the measured state.
 
     A velocity that is older than the configuration is brought to its instant: ``v + lag a``, with the
     acceleration commanded at the last tick.
     """
     body, motion, tasks, sensed = work.body, work.motion, work.tasks, work.sensed
-    now, v, acceleration = motion.now, sensed.v, motion.last_acceleration
+    now, v, acceleration, lag = motion.now, sensed.v, motion.last_acceleration, sensed.velocity_lag[0]
     for j in range(len(now)):
-        now[j] = v[j] + velocity_lag * acceleration[j]
+        now[j] = v[j] + lag * acceleration[j]
     link = body.rigid.link
     place_body(body.rigid, sensed.q)
     task_drift(body.rigid, sensed.v, motion.now, tasks.drift)
@@ -158,7 +149,7 @@ def scale_tasks(work: Workspace) -> None:
 
 
 @compiled
-def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
+def set_up_qp(work: Workspace) -> None:
     """Fill in the QP: wanted momentum rate, friction, shares and force limits of the points."""
     body, contact, tasks, wrench = work.body, work.contact, work.tasks, work.command
     weight = body.mass * body.gravity
@@ -166,8 +157,7 @@ def set_up_qp(work: Workspace, landing: bool, load_age: float) -> None:
     wrench_map(body.points, contact.wrench_map)
     contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
     contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
-    if landing:
-        land(work, load_age)
+    land(work)
     fill_qp(body.points, contact, tasks.system, work.wanted.right_load[0], work.gains, work.problem)
 
 
@@ -195,11 +185,11 @@ def update_torques(work: Workspace) -> None:
 
 
 @compiled
-def keep_tick(work: Workspace, still: bool, first: bool) -> None:
+def keep_tick(work: Workspace, first: bool) -> None:
     """Clip the torques to the motors' limits, give them their rates, and keep what the next tick needs."""
     joints, contact = work.joints, work.contact
     joints.torque[:] = np.minimum(np.maximum(joints.torque, -joints.torque_limit), joints.torque_limit)
-    update_rate(work, still or first)
+    update_rate(work, first)
     joints.last_torque[:] = joints.torque
     if not first:
         contact.change[:] = contact.solution - contact.forces

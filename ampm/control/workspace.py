@@ -140,7 +140,9 @@ class Sensed(NamedTuple):
 
     q: Annotated[Array, ("nq",)]  # Pinocchio configuration
     v: Annotated[Array, ("nv",)]  # velocity
+    velocity_lag: Annotated[Array, (1,)]  # how much older it is than q [s]
     normal_force: Annotated[Array, ("P",)]  # of every sole point [N]
+    force_age: Annotated[Array, (1,)]  # how old these forces are [s]
     contact: Annotated[Flags, ("P",)]  # sole points that touch
     threshold: Annotated[Array, (1,)]  # load below which a touch may be missed [N]
 
