@@ -107,11 +107,11 @@ def test_the_force_under_a_foot_is_given_as_it_lands_and_expected_as_it_leaves(g
     gate.points["least"] = gate.points["largest"] = 0.0
     contact = gate.work.contact
     contact.forces[:] = float(foot == "lets go")  # it is still commanded to push
-    contact.wrench_map[:], contact.momentum[:] = 1.0, 0.0
+    contact.wrench_map[:], contact.wrench[:] = 1.0, 0.0
     gate.work.sensed.force_age[0] = 1.0
     land(refer(gate.work))
     ball, share = (gate.points["foot"] == 0) & (gate.points["line"] == BALL), 0.1 * GAINS.landing_share
     given = np.where(ball & (foot == "lands"), share, 0.0)
     assert gate.points["least"].tolist() == pytest.approx(given.tolist())
     assert gate.points["largest"].tolist() == gate.points["least"].tolist()
-    assert contact.momentum.tolist() == pytest.approx([-2.0 * share * (foot == "leaves")] * 6)
+    assert contact.wrench.tolist() == pytest.approx([-2.0 * share * (foot == "leaves")] * 6)

@@ -156,7 +156,7 @@ def test_kinematics(walked):
         q, c, robot = it.c.sensed.q, it.c, it.robot
         now = c.sensed.v + c.sensed.velocity_lag * it.old.motion.last_acceleration
         jacobian = task_jacobian(robot, q)
-        close(c.motion.now, now)
+        close(c.motion.v, now)
         close(c.body.com, pin.centerOfMass(robot.model, robot.data, q))
         close(c.body.rigid.columns.T, jacobian)
         close(c.tasks.rates, jacobian @ now)
@@ -196,7 +196,7 @@ def test_elimination(walked):
         jacobian[:6] *= SCALE[:, None]
         rhs = (c.tasks.wanted - c.tasks.drift) / it.robot.gravity
         rhs[:6] *= SCALE
-        posture = c.motion.posture / c.motion.root_weight
+        posture = c.tasks.posture / c.motion.sqrt_weight
         right = np.zeros((it.robot.nv + rows, 7))
         right[it.robot.nv : it.robot.nv + 6, :6] = np.eye(6)
         right[:, 6] = [*weights * posture, *rhs]

@@ -76,13 +76,13 @@ def land(work: Workspace) -> None:
     less was commanded: were it given, the torques would press the foot down. The QP's forces and these give
     the commanded net wrench.
 
-    The points' force limits are raised, and the expected forces taken from the wanted momentum.
+    The points' force limits are raised, and the expected forces taken from the wanted wrench.
     """
     gains, points, contact, age = work.gains, work.body.points, work.contact, work.sensed.force_age[0]
     weight = work.body.mass * work.body.gravity
     since = 1.0 - age * gains.frequency if work.extrapolates else 0.0  # ticks, from the last one
     gain = gains.landing_compensation if age <= OLDEST else 0.0
-    forces, change, momentum = contact.forces, contact.change, contact.momentum
+    forces, change, wrench = contact.forces, contact.change, contact.wrench
     for i in range(len(points)):
         point, unknown = points[i], 3 * points[i].foot + i
         line, least, expected = contact.lines[point.foot, point.line], 0.0, 0.0
@@ -98,6 +98,6 @@ def land(work: Workspace) -> None:
             commanded = forces[unknown] + since * change[unknown]
             expected = gain * (point.sensed / weight - commanded)
         for k in range(6):
-            momentum[k] -= contact.wrench_map[k, unknown] * expected
+            wrench[k] -= contact.wrench_map[k, unknown] * expected
         point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

@@ -64,13 +64,13 @@ def add_gram(factors: Array, system: Array) -> None:
 
 
 @compiled
-def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
+def eliminate_tasks(tasks: Tasks) -> bool:
     """Solve ``(B W^-1 B' + softness) y = r`` for six unit net wrenches, and for the wanted accelerations.
 
     Args:
-        tasks: scaled rows, softness and right-hand side. The last seven columns of ``system`` become y. The
-            accelerations of a net wrench w are ``W^-1/2 (posture + scaled y (w, 1))``.
-        posture: wanted accelerations in the metric of the posture, shape (nv,) [g].
+        tasks: Jacobian and posture in units of the QP, softness and right-hand side. The last seven columns
+            of ``system`` become y. The accelerations of a net wrench w are
+            ``W^-1/2 (posture + jacobian y (w, 1))``.
 
     Returns:
         Whether there is a solution: the rows are independent, and all numbers finite.
@@ -81,9 +81,9 @@ def eliminate_tasks(tasks: Tasks, posture: Array) -> bool:
         system[e, e] = tasks.softness[e]
     for k in range(6):
         system[k, count + k] = 1.0
-    add_gram(tasks.scaled, system)
+    add_gram(tasks.jacobian, system)
     right = tasks.rhs.copy()
-    add_combination(-1.0, tasks.scaled, posture, right)
+    add_combination(-1.0, tasks.jacobian, tasks.posture, right)
     system[:, count + 6] = right
     if not triangular(system):
         return False
@@ -99,7 +99,7 @@ def fill_qp(
 
     Args:
         points: with their force limits and shares.
-        contact: wrench map, and wanted momentum rate plus weight ([m g] and ANGULAR [m g m]).
+        contact: wrench map and wanted wrench.
         system: of :func:`eliminate_tasks`, which gives the posture's cost over the vertical moment.
         right_load: planned share of the right foot [1].
         gains: of the controller.
@@ -128,8 +128,8 @@ def fill_qp(
             lower[first + per_foot * foot + i] = point.least
             upper[first + per_foot * foot + i] = point.largest
     A[:6, : 2 * unknowns] = contact.wrench_map
-    lower[:6] = contact.momentum
-    upper[:6] = contact.momentum
+    lower[:6] = contact.wrench
+    upper[:6] = contact.wrench
 
 
 class ContactQP:

@@ -75,20 +75,21 @@ class LimitedQP:
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
-        forces, limit, rows = self._contact_qp.problem, work.joints.torque_limit, work.tasks.scaled.T
+        forces, limit, tasks = self._contact_qp.problem, work.joints.torque_limit, work.tasks
+        rows, sqrt_weight = tasks.jacobian.T, work.motion.sqrt_weight
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
-        q[self._accelerations] = -self._weights * (work.motion.posture / work.motion.root_weight)
+        q[self._accelerations] = -self._weights * (tasks.posture / sqrt_weight)
         q[self._force_unknowns] = forces.q
-        A[self._momentum, self._accelerations] = rows[:6] * work.motion.root_weight
+        A[self._momentum, self._accelerations] = rows[:6] * sqrt_weight
         A[self._momentum, self._forces] = -work.contact.wrench_map
         A[self._force_rows, self._force_unknowns] = forces.A
-        A[self._tasks, self._accelerations] = rows[6:] * work.motion.root_weight
+        A[self._tasks, self._accelerations] = rows[6:] * sqrt_weight
         np.fill_diagonal(A[self._tasks, self._slacks], np.sqrt(softness[6:]))
         A[self._torques, : self._forces.stop] = torque_map / limit[:, None]
-        lower[self._momentum] = upper[self._momentum] = work.tasks.rhs[:6]
+        lower[self._momentum] = upper[self._momentum] = tasks.rhs[:6]
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
-        lower[self._tasks] = upper[self._tasks] = work.tasks.rhs[6:]
+        lower[self._tasks] = upper[self._tasks] = tasks.rhs[6:]
         lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
         lower[self._joints], upper[self._joints] = bounds
         return self._solver.solve()

@@ -180,10 +180,10 @@ def toe_task(gains: Any, wanted: Array, angle: float, rate: float) -> float:
 def posture_task(work: Workspace) -> None:
     """Write the accelerations that follow the planned posture: all joints, and the root's rotation."""
     damping, stiffness = work.gains.posture_damping, work.gains.posture_stiffness
-    q, now, acceleration = work.sensed.q, work.motion.now, work.motion.posture
+    q, v, acceleration = work.sensed.q, work.motion.v, work.motion.posture
     planned_q, planned_v, planned_a = work.wanted.q, work.wanted.v, work.wanted.acceleration
-    for j in range(len(now)):
-        acceleration[j] = planned_a[j] + damping * (planned_v[j] - now[j])
+    for j in range(len(v)):
+        acceleration[j] = planned_a[j] + damping * (planned_v[j] - v[j])
         if j >= 6:
             acceleration[j] += stiffness * (planned_q[j + 1] - q[j + 1])
     # Root rotation: small-angle error in the root's axes, from the quaternions' product.

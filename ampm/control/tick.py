@@ -54,7 +54,7 @@ def prepare_qp(work: Workspace, stepper: Stepper | None, first: bool) -> bool:
     update_command(work, stepper)
     update_tasks(work)
     scale_tasks(work)
-    if not eliminate_tasks(work.tasks, work.motion.posture):
+    if not eliminate_tasks(work.tasks):
         return False
     set_up_qp(work)
     return True
@@ -80,14 +80,14 @@ def update_kinematics(work: Workspace) -> None:
     acceleration commanded at the last tick.
     """
     body, motion, tasks, sensed = work.body, work.motion, work.tasks, work.sensed
-    now, v, acceleration, lag = motion.now, sensed.v, motion.last_acceleration, sensed.velocity_lag[0]
-    for j in range(len(now)):
-        now[j] = v[j] + lag * acceleration[j]
+    v, acceleration, lag = motion.v, motion.last_acceleration, sensed.velocity_lag[0]
+    for j in range(len(v)):
+        v[j] = sensed.v[j] + lag * acceleration[j]
     link = body.rigid.link
     place_body(body.rigid, sensed.q)
-    task_drift(body.rigid, sensed.v, motion.now, tasks.drift)
+    task_drift(body.rigid, sensed.v, v, tasks.drift)
     tasks.rates[:] = 0.0
-    add_combination(1.0, body.rigid.columns, motion.now, tasks.rates)
+    add_combination(1.0, body.rigid.columns, v, tasks.rates)
     from_root = com_of(link)
     put(body.com, plus(vector(sensed.q), from_root))
     for i in range(len(body.feet)):
@@ -131,7 +131,7 @@ def update_tasks(work: Workspace) -> None:
             tasks.wanted[row] = toe_task(work.gains, wanted.foot_toe[i], q[toe + 1], tasks.rates[row])
     posture_task(work)
     # A constant posture plans no rates of the hinges.
-    direction = wanted.v if wanted.v[6:].any() else work.motion.now
+    direction = wanted.v if wanted.v[6:].any() else work.motion.v
     passive_torques(body.passive, q, work.sensed.v, direction, work.motion.passive_torque)
 
 
@@ -139,40 +139,39 @@ def update_tasks(work: Workspace) -> None:
 def scale_tasks(work: Workspace) -> None:
     """Scale to the QP's units: accelerations in g, and ``x = W_p^1/2 a / g`` by the posture weights W_p."""
     motion, tasks, gravity = work.motion, work.tasks, work.body.gravity
-    motion.posture[:] = motion.posture * (motion.root_weight / gravity)
-    scaled, columns = tasks.scaled, work.body.rigid.columns
-    by_row, by_column = 1.0 / motion.root_weight, tasks.scale
+    tasks.posture[:] = motion.posture * (motion.sqrt_weight / gravity)
+    jacobian, by_row, by_column = work.body.rigid.columns, 1.0 / motion.sqrt_weight, tasks.scale
     for j in range(len(by_row)):
         for e in range(len(by_column)):
-            scaled[j, e] = columns[j, e] * (by_column[e] * by_row[j])
+            tasks.jacobian[j, e] = jacobian[j, e] * (by_column[e] * by_row[j])
     tasks.rhs[:] = tasks.scale / gravity * (tasks.wanted - tasks.drift)
 
 
 @compiled
 def set_up_qp(work: Workspace) -> None:
-    """Fill in the QP: wanted momentum rate, friction, shares and force limits of the points."""
+    """Fill in the QP: wanted wrench, friction, shares and force limits of the points."""
     body, contact, tasks, wrench = work.body, work.contact, work.tasks, work.command
     weight = body.mass * body.gravity
     share_forces(body.points, contact.forces, work.stepping[0].off_plan)
     wrench_map(body.points, contact.wrench_map)
-    contact.momentum[:3] = tasks.scale[:3] * wrench.force / weight
-    contact.momentum[3:] = tasks.scale[3:6] * wrench.moment / weight
+    contact.wrench[:3] = tasks.scale[:3] * wrench.force / weight
+    contact.wrench[3:] = tasks.scale[3:6] * wrench.moment / weight
     land(work)
     fill_qp(body.points, contact, tasks.system, work.wanted.right_load[0], work.gains, work.problem)
 
 
 @compiled
 def update_accelerations(work: Workspace) -> None:
-    """Write ``a = g W_p^-1/2 (posture + scaled y (W f, 1))``, y the last seven columns of the system."""
+    """Write ``a = g W_p^-1/2 (posture + B' y (W f, 1))``, y the last seven columns of the system."""
     motion, tasks, contact = work.motion, work.tasks, work.contact
     rows = len(tasks.system)
     net_wrench = np.zeros(6)
     add_combination(1.0, contact.wrench_map.T, contact.solution, net_wrench)
     pull = tasks.system[:, rows + 6].copy()
     add_combination(1.0, tasks.system[:, rows : rows + 6].T, net_wrench, pull)
-    scaled = motion.posture.copy()
-    add_combination(1.0, tasks.scaled.T, pull, scaled)
-    motion.acceleration[:] = work.body.gravity * scaled / motion.root_weight
+    scaled = tasks.posture.copy()
+    add_combination(1.0, tasks.jacobian.T, pull, scaled)
+    motion.acceleration[:] = work.body.gravity * scaled / motion.sqrt_weight
 
 
 @compiled

@@ -169,11 +169,11 @@ class PlacedBody(NamedTuple):
 class Motion(NamedTuple):
     """Rates, accelerations and passive torques per degree of freedom."""
 
-    now: Annotated[Array, ("nv",)]  # velocity at the instant of q [m/s, rad/s]
+    v: Annotated[Array, ("nv",)]  # velocity at the instant of q [m/s, rad/s]
     acceleration: Annotated[Array, ("nv",)]  # commanded at this tick [m/s^2, rad/s^2]
     last_acceleration: Annotated[Array, ("nv",)]  # commanded at the last tick [m/s^2, rad/s^2]
-    posture: Annotated[Array, ("nv",)]  # wanted [m/s^2, rad/s^2], then `x` of scale_tasks [g]
-    root_weight: Array  # square root of the posture weights, shape (nv,)
+    posture: Annotated[Array, ("nv",)]  # wanted [m/s^2, rad/s^2]
+    sqrt_weight: Array  # square roots of the posture weights, shape (nv,)
     passive_torque: Annotated[Array, ("nu",)]  # overcomes dampers, springs and friction [N m]
 
 
@@ -186,7 +186,8 @@ class Tasks(NamedTuple):
     softness: Annotated[Array, ("R",)]  # 0 for rows that are met exactly
     scale: Array  # factors of the rows in the QP, shape (R,)
     rhs: Annotated[Array, ("R",)]  # wanted less drift in units of the QP [g]
-    scaled: Annotated[Array, ("nv", "R")]  # jacobian in the metric of the posture and in units of the QP
+    jacobian: Annotated[Array, ("nv", "R")]  # transposed, in the metric of the posture and in units of the QP
+    posture: Annotated[Array, ("nv",)]  # accelerations wanted of it, in the same metric [g]
     system: Annotated[Array, ("R", "R + 7")]  # matrix and solutions of the elimination
 
 
@@ -217,7 +218,7 @@ class Contact(NamedTuple):
     change: Annotated[Array, ("U",)]  # their change from the tick before
     solution: Annotated[Array, ("U",)]  # of this tick
     wrench_map: Annotated[Array, (6, "U")]  # net force and moment per unknown
-    momentum: Annotated[Array, (6,)]  # wanted momentum rate plus weight
+    wrench: Annotated[Array, (6,)]  # net force and moment that are wanted of them
     point_force: Annotated[Array, ("P", 3)]  # of this tick
 
 
@@ -286,7 +287,7 @@ def make_workspace(
             mass=float(body.link["mass"][0]),
             gravity=robot.gravity,
         ),
-        motion=zeros_of(Motion, sizes, root_weight=np.sqrt(weights)),
+        motion=zeros_of(Motion, sizes, sqrt_weight=np.sqrt(weights)),
         tasks=zeros_of(Tasks, sizes, scale=scale),
         command=zeros_of(Wrench, sizes),
         tilt=zeros_of(Tilt, sizes),
