@@ -7,7 +7,7 @@ from ampm.compiled import records
 from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
 from ampm.control.qp import QPSettings
-from ampm.control.workspace import Contact, Line, Point, gains_of
+from ampm.control.workspace import Contact, Line, Point, gains_of, number_unknowns
 from ampm.controller_parameters import ControllerParameters
 
 POINTS = 6
@@ -37,6 +37,7 @@ def soles(arm, opening):
     """Points with their shares."""
     points = records(2 * POINTS, Point)
     points["foot"], points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
+    number_unknowns(points)
     points["arm"], points["limit"] = arm.reshape(-1, 3), opening
     share_forces(points, np.zeros(FORCES), False)
     return points

@@ -84,20 +84,20 @@ def land(work: Workspace) -> None:
     gain = gains.landing_compensation if age <= OLDEST else 0.0
     forces, change, wrench = contact.forces, contact.change, contact.wrench
     for i in range(len(points)):
-        point, unknown = points[i], 3 * points[i].foot + i
+        point, normal = points[i], points[i].normal
         line, least, expected = contact.lines[point.foot, point.line], 0.0, 0.0
         if point.touching and line.opening < 1.0:
             given = gains.landing_share / weight * point.sensed
             if line.due:
                 least = given
-            elif forces[unknown] < given and not contact.lines[point.foot].due.any():
+            elif forces[normal] < given and not contact.lines[point.foot].due.any():
                 expected = given
         if 0.0 < line.opening < 1.0:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
-            commanded = forces[unknown] + since * change[unknown]
+            commanded = forces[normal] + since * change[normal]
             expected = gain * (point.sensed / weight - commanded)
         for k in range(6):
-            wrench[k] -= contact.wrench_map[k, unknown] * expected
+            wrench[k] -= contact.wrench_map[k, normal] * expected
         point.least = max(point.least, least)
         point.largest = max(point.largest, point.least)

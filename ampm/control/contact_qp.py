@@ -107,27 +107,26 @@ def fill_qp(
     """
     friction, smoothing = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
     P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
-    per_foot, rows = len(points) // 2, len(system)
-    unknowns, first = per_foot + 3, len(lower) - len(points)
+    per_foot, rows, first = len(points) // 2, len(system), len(lower) - len(points)
+    tangents = points[0].tangent, points[per_foot].tangent
     yaw, yaw_curvature, yaw_gradient = contact.wrench_map[L_Z], system[L_Z, rows + L_Z], system[L_Z, rows + 6]
     for foot in range(2):
         load = right_load if foot else 1.0 - right_load
-        for i in range(unknowns * foot + per_foot, unknowns * (foot + 1)):
-            for other in range(2):
-                for j in range(unknowns * other + per_foot, unknowns * (other + 1)):
+        for i in range(tangents[foot], tangents[foot] + 3):
+            for tangent in tangents:
+                for j in range(tangent, tangent + 3):
                     P[i, j] = YAW_COST * yaw_curvature * yaw[i] * yaw[j]
             P[i, i] += TANGENT_COST / max(load, LEAST_LOAD)
             q[i] = YAW_COST * yaw_gradient * yaw[i]
-        for i in range(per_foot):
-            point, unknown = points[per_foot * foot + i], unknowns * foot + i
-            q[unknown] = load * point.load_gradient - smoothing * contact.forces[unknown]
+        for i in range(per_foot * foot, per_foot * (foot + 1)):
+            point, normal = points[i], points[i].normal
+            q[normal] = load * point.load_gradient - smoothing * contact.forces[normal]
             if foot:
-                q[unknown] -= LOAD_COST * load
+                q[normal] -= LOAD_COST * load
             for row in (10 + 6 * foot, 11 + 6 * foot):
-                A[row, unknown] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
-            lower[first + per_foot * foot + i] = point.least
-            upper[first + per_foot * foot + i] = point.largest
-    A[:6, : 2 * unknowns] = contact.wrench_map
+                A[row, normal] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
+            lower[first + i], upper[first + i] = point.least, point.largest
+    A[:6, : contact.wrench_map.shape[1]] = contact.wrench_map
     lower[:6] = contact.wrench
     upper[:6] = contact.wrench
 

@@ -1,9 +1,8 @@
 """Contact forces in the controller's QP: k + 3 unknowns per foot of k points, and their effect on the body.
 
 Units: forces in m g, moments in m g m times :data:`ANGULAR`, so that a metre of lever is as large as a third
-of a weight. Per foot: the normal forces of its points, two tangential forces and a twist about the vertical.
-So the normal force of point i, of foot f, is unknown ``3 f + i``. Tangential forces are distributed over the
-points by their openings.
+of a weight. Per foot: the normal forces of its points, two tangential forces and a twist about the vertical,
+in this order. Tangential forces are distributed over the points by their openings.
 """
 
 import math
@@ -55,7 +54,7 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
         if by_load:
             total = 0.0
             for i in range(per_foot):
-                sole[i].share = max(phi[(per_foot + 3) * foot + i], _LEAST_OPENING)
+                sole[i].share = max(phi[sole[i].normal], _LEAST_OPENING)
                 total += sole[i].share
         x = y = 0.0
         for i in range(per_foot):
@@ -80,13 +79,11 @@ def share_forces(points: Any, phi: Array, by_load: bool) -> None:
 @compiled
 def wrench_map(points: Any, wrench: Array) -> None:
     """W, net force and moment about the COM per unknown, shape (6, U)."""
-    per_foot = len(points) // 2
     wrench[:] = 0.0
     for i in range(len(points)):
-        point, foot = points[i], points[i].foot
-        tangent = (per_foot + 3) * foot + per_foot
+        point, tangent = points[i], points[i].tangent
         arm, share = vector(point.arm), point.share
-        _add(wrench[:, 3 * foot + i], (0.0, 0.0, 1.0), arm)
+        _add(wrench[:, point.normal], (0.0, 0.0, 1.0), arm)
         _add(wrench[:, tangent], (share, 0.0, 0.0), arm)
         _add(wrench[:, tangent + 1], (0.0, share, 0.0), arm)
         _add(wrench[:, tangent + 2], (point.twist[0], point.twist[1], 0.0), arm)
@@ -104,13 +101,11 @@ def _add(column: Array, force: Any, arm: Any) -> None:
 @compiled
 def point_forces(points: Any, phi: Array, weight: float, forces: Array) -> None:
     """Forces at the points for the unknowns phi [m g], shape (P, 3) [N]."""
-    per_foot = len(points) // 2
     for i in range(len(points)):
-        point, foot = points[i], points[i].foot
-        tangent = (per_foot + 3) * foot + per_foot
+        point, tangent = points[i], points[i].tangent
         x, y, twist = phi[tangent], phi[tangent + 1], phi[tangent + 2]
         along_x, along_y = point.share * x + point.twist[0] * twist, point.share * y + point.twist[1] * twist
-        put(forces[i], times(weight, (along_x, along_y, phi[3 * foot + i])))
+        put(forces[i], times(weight, (along_x, along_y, phi[point.normal])))
 
 
 @compiled
@@ -121,14 +116,15 @@ def without_closed(points: Any, phi: Array) -> Array:
     """
     kept, per_foot = phi.copy(), len(points) // 2
     for foot in range(2):
-        first = (per_foot + 3) * foot
+        sole = points[per_foot * foot : per_foot * (foot + 1)]
         before = after = 0.0
         for i in range(per_foot):
-            before += phi[first + i]
-            if not points[per_foot * foot + i].limit > 0.0:
-                kept[first + i] = 0.0
-            after += kept[first + i]
+            normal = sole[i].normal
+            before += phi[normal]
+            if not sole[i].limit > 0.0:
+                kept[normal] = 0.0
+            after += kept[normal]
         share = after / before if before > 0.0 else 0.0
         for k in range(3):
-            kept[first + per_foot + k] *= share
+            kept[sole[0].tangent + k] *= share
     return kept

@@ -64,6 +64,8 @@ class Point(Frame):
 
     foot: int
     line: int
+    normal: int  # unknown of its normal force
+    tangent: int  # first unknown of its foot's tangential forces and twist
     sensed: float  # latest normal force [N]
     touching: bool
     floor: float  # height at which it touched [m]
@@ -218,8 +220,8 @@ class Contact(NamedTuple):
     change: Annotated[Array, ("U",)]  # their change from the tick before
     solution: Annotated[Array, ("U",)]  # of this tick
     wrench_map: Annotated[Array, (6, "U")]  # net force and moment per unknown
-    wrench: Annotated[Array, (6,)]  # net force and moment that are wanted of them
-    point_force: Annotated[Array, ("P", 3)]  # of this tick
+    wrench: Annotated[Array, (6,)]  # wanted net force, and moment times ANGULAR
+    point_force: Annotated[Array, ("P", 3)]  # of this tick [N]
 
 
 class Joints(NamedTuple):
@@ -263,8 +265,7 @@ def make_workspace(
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: QP in U contact forces, then six slacks.
     """
-    feet, points, rows = feet_of(robot), frames_of(robot.model, robot.point_frames, Point), robot.task_rows
-    points["foot"], points["line"] = robot.point_foot, robot.point_group
+    feet, points, rows = feet_of(robot), points_of(robot), robot.task_rows
     body, q = robot.rigid_body._replace(soles=feet), np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
@@ -319,6 +320,21 @@ def feet_of(robot: Robot) -> Any:
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
     return feet
+
+
+def points_of(robot: Robot) -> Any:
+    """The sole points of a body, with the numbers of their unknowns."""
+    points = frames_of(robot.model, robot.point_frames, Point)
+    points["foot"], points["line"] = robot.point_foot, robot.point_group
+    number_unknowns(points)
+    return points
+
+
+def number_unknowns(points: Any) -> None:
+    """Number the contact forces: per foot the normal forces of its points, two tangential forces, a twist."""
+    per_foot = len(points) // 2
+    points["normal"] = 3 * points["foot"] + np.arange(len(points))
+    points["tangent"] = (per_foot + 3) * points["foot"] + per_foot
 
 
 _NUMBERS = [key for key, value in ControllerParameters() if isinstance(value, float)]
