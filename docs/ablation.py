@@ -53,7 +53,7 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
         "stepping.step_choice.CATCH_UP": 0.0,
         "stepping.walker.HASTE_FROM": 10.0,
     },
-    "touch-down as planned": {"stepping.floor.EARLY": 10.0, "stepping.floor.GRACE": 10.0},
+    "touch-down as planned": {"stepping.sensed_floor.EARLY": 10.0, "stepping.sensed_floor.GRACE": 10.0},
     "no return to the plan": {
         "stepping.step_choice.RETURN": 0.0,
         "stepping.step_choice.CATCH_UP": 0.0,
@@ -62,9 +62,9 @@ VARIANTS: Mapping[str, Mapping[str, float | NDArray[np.float64]]] = {
     "COM not at the floor's height": {"stepping.walker.HEIGHT_RATE": 0.0},
     "trunk righted as on the plan": {"control.tick.RIGHTING": 1.0},
     "sole not shared": {"control.sole.OPEN": 10.0},
-    "height not integrated": {"stepping.floor.LIFT": 0.0},
-    "slope not checked by heights": {"stepping.floor.RISE": 10.0},
-    "tilt of a sole taken for the floor's": {"stepping.floor.DEEP_IN": 10.0},
+    "height not integrated": {"stepping.walker.LIFT": 0.0},
+    "slope not checked by heights": {"stepping.sensed_floor.RISE": 10.0},
+    "tilt of a sole taken for the floor's": {"stepping.sensed_floor.DEEP_IN": 10.0},
 }
 """Constants of a variant, by module and name."""
 

@@ -6,9 +6,10 @@ import pytest
 from ampm.compiled import refer
 from ampm.control.contact_gate import land, update_contacts
 from ampm.control.controller import TrackingController
-from ampm.control.workspace import BALL, HEEL, TIP, gains_of
+from ampm.control.workspace import gains_of
 from ampm.controller_parameters import ControllerParameters
 from ampm.parameters import RunParameters
+from ampm.planner.feet import BALL, HEEL, TIP
 from tests.solved import COARSE, walk_of
 
 GAINS = gains_of(ControllerParameters())

@@ -12,7 +12,8 @@ weight.
 """
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, TIP, Workspace
+from ampm.control.workspace import Workspace
+from ampm.planner.feet import BALL, TIP
 
 OFF = 2
 """Ticks without touch after which a tip is off the floor."""

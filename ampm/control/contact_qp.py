@@ -25,9 +25,10 @@ from ampm.body.robot import L_Z
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.qp import QPProblem, QPSettings, QPSolver
-from ampm.control.workspace import ANGULAR, TIP, Contact, Tasks
+from ampm.control.workspace import ANGULAR, Contact, Tasks
 from ampm.geometry import Array
 from ampm.linear import add_combination, substitute, triangular
+from ampm.planner.feet import TIP
 
 TANGENT_COST = 0.6
 """Regularisation of tangential forces and twists of a foot that carries the weight. It grows with one over

@@ -8,8 +8,9 @@ down faster and faster.
 import numpy as np
 
 from ampm.compiled import compiled
-from ampm.control.workspace import BALL, HEEL, Workspace
+from ampm.control.workspace import Workspace
 from ampm.geometry import Array
+from ampm.planner.feet import BALL, HEEL
 from ampm.vectors import clip, column, cross, plus, put
 
 LEVEL = 0.005

@@ -9,8 +9,9 @@ import math
 from typing import Any
 
 from ampm.compiled import compiled
-from ampm.control.workspace import ANGULAR, TIP
+from ampm.control.workspace import ANGULAR
 from ampm.geometry import Array
+from ampm.planner.feet import TIP
 from ampm.vectors import cross, put, times, vector
 
 TWIST_ARM = 0.1

@@ -9,8 +9,9 @@ from typing import Any
 
 from ampm.compiled import compiled
 from ampm.control.stabilizer import rotation_error
-from ampm.control.workspace import BALL, HEEL, TIP, Workspace
+from ampm.control.workspace import Workspace
 from ampm.geometry import Array
+from ampm.planner.feet import BALL, HEEL, TIP
 from ampm.vectors import ZERO, Vector, along_across, clip, cross, dot, minus, plus, put, times, vector
 
 STANCE, SWING, OFF_PLAN = 1e-8, 1e-4, 1e-3

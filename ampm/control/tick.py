@@ -111,7 +111,7 @@ def update_command(work: Workspace, stepper: Stepper | None) -> None:
         tilt = times(RIGHTING, tilt)
     command_wrench(work, tilt)
     if stepper is not None:
-        share_sole(work, stepper.slope, error)
+        share_sole(work, stepper.plan_slope, error)
 
 
 @compiled

@@ -19,8 +19,6 @@ from ampm.controller_parameters import ControllerParameters
 from ampm.geometry import Array, Flags
 from ampm.reference import FIELDS
 
-HEEL, BALL, TIP = 0, 1, 2
-"""Lines of a foot's points."""
 LONGEST_WINDOW = 4.0
 """Longest time over which the tilt of the trunk is averaged [s]."""
 ANGULAR = 3.0
@@ -88,7 +86,7 @@ class SteppingState:
     time: float  # of the tick, on the walk's clock; off the plan only [s]
     phase: int  # its number in the plan, whose numbers go on after its end
     off_plan: bool  # whether the walk has left its plan
-    leaves: bool  # whether it leaves its plan at the next tick
+    leaving: bool  # whether it leaves its plan at the next tick
     active: bool  # whether it is off its plan or disturbed: COM and trunk share what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's heading
     floor: float  # height of the floor under the body over the plan's floor [m]
@@ -96,25 +94,25 @@ class SteppingState:
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves
     clock: float  # time since the phase began, on the plan's clock [s]
-    rate: float  # speed of this clock [1]
+    clock_rate: float  # speed of this clock [1]
     duration: float  # planned duration of the phase [s]
-    double: float  # planned duration of the double support that follows [s]
-    factor: float  # duration of the rest of the phase over the planned one [1]
-    choice: int  # candidate for `factor` that was chosen; -1: it returns to the plan
-    late: float  # time behind the plan [s]
+    double_duration: float  # planned duration of the double support that follows [s]
+    stretch: float  # duration of the rest of the phase over the planned one [1]
+    choice: int  # candidate for `stretch` that was chosen; -1: it returns to the plan
+    delay: float  # time behind the plan [s]
     waited: float  # time that the clock has waited for a late foot [s]
-    stood: float  # time since the phase began [s]
+    elapsed: float  # time since the phase began [s]
     length: float  # planned distance of the next step ahead of the standing foot [m]
     width: float  # planned distance of the next step beside the standing foot [m]
     step: Annotated[Array, (2,)]  # displacement of the next step from the standing foot's shift [m]
     shift: Annotated[Array, (2, 3)]  # displacement of every foot from where it was planned [m]
     swing: Annotated[Array, (3, 3)]  # displacement of the swing foot, with two derivatives
     slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
-    level: float  # slope up to which the floor counts as level [1]
+    level_slope: float  # slope up to which the floor counts as level [1]
     height: Annotated[Array, (2,)]  # height of the COM over its plan, and its rate [m, m/s]
     sag: float  # height by which the COM goes down for a long step [m]
-    away: float  # largest component of the COM's distance from the plan's [m]
-    touches: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
+    com_error: float  # largest component of the COM's distance from the plan's [m]
+    touch_ticks: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
 
 
 class Curves(NamedTuple):
@@ -132,7 +130,7 @@ class Stepper(NamedTuple):
     tick: float  # control period [s]
     size: float  # size of the body, 1 for a stature of 1.70 m [1]
     foot_width: float  # [m]
-    slope: Array  # of the plan's floor: dz/dx, dz/dy, shape (2,) [1]
+    plan_slope: Array  # of the plan's floor: dz/dx, dz/dy, shape (2,) [1]
     curves: Curves  # of the phase
     table: Any  # references of the phase at equal intervals, see `rows_of`
 
@@ -265,7 +263,9 @@ def make_workspace(
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: QP in U contact forces, then six slacks.
     """
-    feet, points, rows = feet_of(robot), points_of(robot), robot.task_rows
+    feet, points, rows = feet_of(robot), frames_of(robot.model, robot.point_frames, Point), robot.task_rows
+    points["foot"], points["line"] = robot.point_foot, robot.point_group
+    number_unknowns(points)
     body, q = robot.rigid_body._replace(soles=feet), np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
@@ -320,14 +320,6 @@ def feet_of(robot: Robot) -> Any:
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
     return feet
-
-
-def points_of(robot: Robot) -> Any:
-    """The sole points of a body, with the numbers of their unknowns."""
-    points = frames_of(robot.model, robot.point_frames, Point)
-    points["foot"], points["line"] = robot.point_foot, robot.point_group
-    number_unknowns(points)
-    return points
 
 
 def number_unknowns(points: Any) -> None:

@@ -16,7 +16,7 @@ from ampm.geometry import Array, ReadOnly
 from ampm.planner.contacts import LEVEL, Footstep, times_within
 
 HEEL, BALL, TIP = 0, 1, 2
-"""Columns of :attr:`FootSample.contact`."""
+"""Lines of a foot's points, the columns of :attr:`FootSample.contact`."""
 PIVOT_HEEL, PIVOT_BALL = np.int8(0), np.int8(1)
 """Values of :attr:`FootPath.pivot`."""
 

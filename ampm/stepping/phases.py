@@ -59,18 +59,18 @@ def begin_phase(state: SteppingState, phases: Phases, number: int) -> None:
         put(state.shift[1 - state.stance], vector(state.swing[0]))
     k, _ = repeated(phases, number)
     state.phase, state.single, state.stance = number, phases.single[k], phases.stance[k]
-    state.duration, state.double = phases.duration[k], phases.duration[k + 1 if state.single else k]
-    state.clock = state.stood = state.waited = 0.0
-    state.step[:], state.factor, state.choice = 0.0, 1.0, -1
+    state.duration, state.double_duration = phases.duration[k], phases.duration[k + 1 if state.single else k]
+    state.clock = state.elapsed = state.waited = 0.0
+    state.step[:], state.stretch, state.choice = 0.0, 1.0, -1
     state.swing[:] = 0.0
     put(state.swing[0], vector(state.shift[1 - state.stance]))
 
 
 @compiled
-def landing_shift(state: SteppingState, slope: Array) -> Vector:
-    """Shift with which the swing foot is to land on the plan's slope: the standing foot's plus the step."""
+def landing_shift(state: SteppingState, plan_slope: Array) -> Vector:
+    """Shift with which the swing foot is to land on the plan's floor: the standing foot's plus the step."""
     (x, y, z), step = vector(state.shift[state.stance]), state.step
-    return x + step[0], y + step[1], z + (slope[0] * step[0] + slope[1] * step[1])
+    return x + step[0], y + step[1], z + (plan_slope[0] * step[0] + plan_slope[1] * step[1])
 
 
 @compiled
@@ -86,12 +86,12 @@ def carried_shift(state: SteppingState) -> Vector:
 @compiled
 def go_on(state: SteppingState, phases: Phases, time: float) -> None:
     """Let a state go on to a time [s] as if nothing disturbed it, each foot landing where it is sent."""
-    left, begun, rest = time - state.time, state.clock, (state.duration - state.clock) / state.rate
+    left, begun, rest = time - state.time, state.clock, (state.duration - state.clock) / state.clock_rate
     while left > rest and (phases.walks_on or state.phase + 1 < len(phases.start)):
         put(state.swing[0], landing_shift(state, phases.slope))
         begin_phase(state, phases, state.phase + 1)
-        left, begun, rest, state.rate = left - rest, 0.0, state.duration, 1.0
-    state.clock = min(state.clock + state.rate * left, state.duration)
+        left, begun, rest, state.clock_rate = left - rest, 0.0, state.duration, 1.0
+    state.clock = min(state.clock + state.clock_rate * left, state.duration)
     swung, shift = (state.clock - begun) / max(state.duration - begun, 1e-9), vector(state.swing[0])
     put(state.swing[0], plus(shift, times(swung, minus(landing_shift(state, phases.slope), shift))))
 
@@ -119,7 +119,7 @@ def forecast(states: Any, phases: Phases, instants: Array) -> tuple[Array, Array
         put(feet[i, new], plus(vector(state.swing[0] if state.single else state.shift[new]), way))
         if not state.single:
             transfer = minus(vector(state.shift[new]), vector(state.shift[old]))
-            put(rate[i], times(state.rate / state.duration, transfer))
+            put(rate[i], times(state.clock_rate / state.duration, transfer))
         put(com[i], plus(carried_shift(state), way))
         # The COM's height has a state of its own.
         com[i, 2], rate[i, 2] = way[2] + state.height[0], state.height[1]

@@ -172,7 +172,7 @@ def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau:
     state: SteppingState = work.stepping[0]
     wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
     cos, sin = heading_of(wanted.foot_rotation[state.stance])
-    decay, ramp = math.exp(-tau), ramp_share(omega * state.double)
+    decay, ramp = math.exp(-tau), ramp_share(omega * state.double_duration)
     planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
     if state.off_plan:
         planned = dcm_ahead(state, stepper, tau)
@@ -226,7 +226,7 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
     least_cost, last_choice = math.inf, state.choice
     for k in range(-1, len(TIMES) if state.off_plan else 0):  # -1 returns to the plan
         if k < 0:
-            factor = clip(1.0 - state.late / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP)
+            factor = clip(1.0 - state.delay / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP)
             back = np.clip(-RETURN * shift, -most, most)
         else:
             factor, back = TIMES[k], np.zeros(2)
@@ -239,6 +239,6 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
         cost += LIMIT_COST * (abs(needed[0] - step[0]) + abs(needed[1] - step[1]))
         cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == last_choice else 0.0))
         if cost < least_cost:
-            least_cost, state.factor, state.choice = cost, factor, k
+            least_cost, state.stretch, state.choice = cost, factor, k
             state.step[:] = turned_axes(step, cos, -sin)
     return bool(state.step.any())

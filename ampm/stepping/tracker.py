@@ -18,8 +18,8 @@ from ampm.control.workspace import Curves, Stepper, SteppingState, Workspace, ro
 from ampm.geometry import Array
 from ampm.planner.contacts import Phase
 from ampm.reference import Timing, reference_type
-from ampm.stepping.floor import LEVEL, SINK
 from ampm.stepping.phases import Phases, begin_phase, repeated
+from ampm.stepping.sensed_floor import LEVEL_SLOPE, SINK
 from ampm.stepping.walker import OFF_HEIGHT, pass_time
 from ampm.walk import WalkPlan
 
@@ -49,20 +49,20 @@ class StepTracker:
         self.plan, self._timing, self._workspace = plan, timing, workspace
         self._state: SteppingState = workspace.stepping.view(np.recarray)[0]
         self._reset()
-        self._state.force_factor, self._state.touches[:] = 1.0, 0.0
+        self._state.force_factor, self._state.touch_ticks[:] = 1.0, 0.0
         self._stepper = Stepper(
             omega=math.sqrt(workspace.body.gravity / plan.com_height),
             tick=1.0 / workspace.gains.frequency,
             size=robot.description.scale,
             foot_width=2.0 * robot.description.sole.half_width,
-            slope=np.array(plan.contacts.slope),
+            plan_slope=np.array(plan.contacts.slope),
             curves=Curves(np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2))),
             table=rows_of(np.zeros(2, reference_type(robot.nq, robot.nv))),
         )
         # Views, as reading a field of one entry takes longer.
         states = workspace.stepping
-        names = ("leaves", "off_plan", "phase", "clock")
-        self._leaves, self._off_plan, self._phase, self._clock = (states[name] for name in names)
+        names = ("leaving", "off_plan", "phase", "clock")
+        self._leaving, self._off_plan, self._phase, self._clock = (states[name] for name in names)
         self._pass_time = bound(pass_time, (states, self._stepper.tick))
         self._starts = [*plan.contacts.starts.tolist(), math.inf]
         self._phases = Phases.of(plan.contacts, plan.sample(np.array([plan.duration])).com_velocity)
@@ -72,7 +72,7 @@ class StepTracker:
 
     def begin(self, time: float) -> Any:
         """Go to the phase of the tick at a time [s]; return a reference to its :class:`Stepper`."""
-        if self._leaves[0]:
+        if self._leaving[0]:
             self._leave()
         if self._off_plan[0]:
             may_switch = self._phases.walks_on or self._phase[0] + 2 < len(self._starts)
@@ -93,10 +93,10 @@ class StepTracker:
     def _reset(self) -> None:
         """Set the state to that of a walk on the plan, but keep what was found of the floor."""
         state = self._state
-        floor, force_factor, touches = state.floor, state.force_factor, state.touches.copy()
+        floor, force_factor, touches = state.floor, state.force_factor, state.touch_ticks.copy()
         self._workspace.stepping[:] = 0
-        state.floor, state.force_factor, state.touches[:] = floor, force_factor, touches
-        state.rate, state.factor, state.choice, state.level = 1.0, 1.0, -1, LEVEL
+        state.floor, state.force_factor, state.touch_ticks[:] = floor, force_factor, touches
+        state.clock_rate, state.stretch, state.choice, state.level_slope = 1.0, 1.0, -1, LEVEL_SLOPE
         self._next = -math.inf
 
     def _enter(self, index: int) -> None:
@@ -145,9 +145,9 @@ class StepTracker:
     def _leave(self) -> None:
         """Leave the plan; the shift of a foot that stands is measured, small ones count as zero."""
         state, body = self._state, self._workspace.body
-        state.leaves, state.off_plan = False, True
+        state.leaving, state.off_plan = False, True
         for foot in range(2):
-            if state.touches[foot] > 1 and not (state.single and foot != state.stance):
+            if state.touch_ticks[foot] > 1 and not (state.single and foot != state.stance):
                 shift = body.com + body.feet["place"][foot] - self._workspace.wanted.foot_position[foot]
                 shift[2] += SINK
                 shift[:2] *= np.hypot(shift[0], shift[1]) > 0.01
@@ -159,10 +159,11 @@ class StepTracker:
     def _is_back(self) -> bool:
         """Whether a walk that begins a phase is on the plan again; then it is followed by the time."""
         state = self._state
-        timely = state.single and abs(state.late) < self._stepper.tick and state.phase < len(self._starts) - 1
+        timely = state.single and abs(state.delay) < self._stepper.tick
+        planned = state.phase < len(self._starts) - 1
         in_place = np.abs(state.shift).max(axis=0) < (BACK, BACK, OFF_HEIGHT)
         level = max(abs(state.height[0]), 0.1 * np.abs(state.slope).max()) < OFF_HEIGHT
-        return bool(timely and level and in_place.all() and state.away < BACK)
+        return bool(timely and planned and level and in_place.all() and state.com_error < BACK)
 
     def _switch(self) -> None:
         """Go on to the next phase off the plan."""
@@ -170,5 +171,5 @@ class StepTracker:
         over = state.clock - state.duration
         begin_phase(state, self._phases, state.phase + 1)
         state.clock = min(max(over, 0.0), 0.25 * state.duration)
-        state.late += over - state.clock
+        state.delay += over - state.clock
         self._load()

@@ -191,7 +191,7 @@ class Followed:
         state = self.stepped[_last(self.stepped["time"], made)].view(np.recarray)
         phases = Phases.of(plan.contacts, frozen.rows.com_velocity[-1])
         at, feet_shift, com_shift, com_rate = forecast(state, phases, times)
-        rows, rate = frozen.rows.at(at), state.rate[:, None]
+        rows, rate = frozen.rows.at(at), state.clock_rate[:, None]
         feet = rows.feet.reshape(-1, 2, 3) + feet_shift
         com, velocity = rows.com + com_shift, rate * rows.com_velocity + com_rate
         heading, omega = rows.headings[every, state.stance], np.sqrt(plan.gravity / plan.com_height)

@@ -1,10 +1,11 @@
-"""What the feet sense of the floor: touches, heights and slopes, and what follows for the walk."""
+"""What the feet sense of the floor: touches, early and late ones, heights and slopes."""
 
 from ampm.compiled import compiled
 from ampm.control.floor import RISE, slope_share
-from ampm.control.workspace import TIP, Stepper, SteppingState, Workspace
+from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.vectors import clip, column, dot
+from ampm.planner.feet import TIP
+from ampm.vectors import column, dot
 
 SINK = 0.00075
 """A sole under load sinks into the floor by this depth [m]."""
@@ -12,12 +13,8 @@ DEEP_IN = 0.0018
 """A sole with a point deeper than this does not lie as the floor does [m]."""
 FEEL_TIME = 0.03
 """Time constant of the measured slope [s]."""
-LEVEL = 0.005
+LEVEL_SLOPE = 0.005
 """Slopes up to this count as level, because a sole under load is not exactly level [1]."""
-LIFT = 0.5
-"""Integral gain of the COM's height, times omega^3 [1]."""
-DEAD_BAND, SATURATION = 0.0015, 0.01
-"""Error of the COM's height from which on it is fed back, and that counts at most [m]."""
 TIPPED = 0.9
 """A touch is a landing only if the cosine of the foot's tilt is larger: a foot that was hit scuffs [1]."""
 AS_PLANNED = 0.993
@@ -43,13 +40,13 @@ def sense_touch(work: Workspace, stepper: Stepper) -> None:
         for i in range(len(points)):
             touched = touched or (points[i].foot == foot and contact[i])
         touched = touched and work.body.feet[foot].pose[2, 2] >= TIPPED
-        state.touches[foot] = state.touches[foot] + 1 if touched else 0
-    state.stood += stepper.tick
+        state.touch_ticks[foot] = state.touch_ticks[foot] + 1 if touched else 0
+    state.elapsed += stepper.tick
 
 
 @compiled
-def floor_under(work: Workspace, planned: Array, foot: int) -> tuple[float, float, float]:
-    """Height of the floor at a sole's reference point, and its slopes less the planned ones, (2,) [m, 1, 1].
+def floor_under(work: Workspace, plan_slope: Array, foot: int) -> tuple[float, float, float]:
+    """Height of the floor at a sole's reference point, and its slopes less the plan's [m, 1, 1].
 
     The floor is the sole's own plane, :data:`SINK` higher. Where a point is deeper in it, the floor is the
     plane through the heights at which the points touched, by least squares.
@@ -66,7 +63,7 @@ def floor_under(work: Workspace, planned: Array, foot: int) -> tuple[float, floa
             xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
             xz, yz = xz + dx * floor, yz + dy * floor
     height = com[2] + at[2] + SINK
-    slope = -pose[0, 2] / pose[2, 2] - planned[0], -pose[1, 2] / pose[2, 2] - planned[1]
+    slope = -pose[0, 2] / pose[2, 2] - plan_slope[0], -pose[1, 2] / pose[2, 2] - plan_slope[1]
     if deepest < DEEP_IN:
         return height, slope[0], slope[1]
     x, y, z = x / n, y / n, z / n
@@ -75,7 +72,7 @@ def floor_under(work: Workspace, planned: Array, foot: int) -> tuple[float, floa
     if size < 1e-8:  # of a line
         return height - SINK + deepest, slope[0], slope[1]
     dzdx, dzdy = (yy * xz - xy * yz) / size, (xx * yz - xy * xz) / size
-    return z - dzdx * x - dzdy * y, dzdx - planned[0], dzdy - planned[1]
+    return z - dzdx * x - dzdy * y, dzdx - plan_slope[0], dzdy - plan_slope[1]
 
 
 @compiled
@@ -83,42 +80,32 @@ def feel_slope(work: Workspace, stepper: Stepper) -> None:
     """Measure the slope under the foot that stands flat, and up to which slope the floor counts as level."""
     state: SteppingState = work.stepping[0]
     stance, swing, places = state.stance, 1 - state.stance, stepper.table.foot_position[0]
-    _, slope_x, slope_y = floor_under(work, stepper.slope, stance)
+    _, slope_x, slope_y = floor_under(work, stepper.plan_slope, stance)
     shift = state.shift[stance] - state.shift[swing]
     x, y, _ = places[stance] - places[swing] + shift
-    told, level = slope_x * x + slope_y * y, LEVEL
+    told, level = slope_x * x + slope_y * y, LEVEL_SLOPE
     if abs(told) > RISE:
         level = (slope_x**2 + slope_y**2) ** 0.5 * (1.0 - slope_share(told, shift[2]))
     gain = min(stepper.tick / FEEL_TIME, 1.0)
     state.slope[0] += gain * (slope_x - state.slope[0])
     state.slope[1] += gain * (slope_y - state.slope[1])
-    state.level += gain * (level - state.level)
+    state.level_slope += gain * (level - state.level_slope)
 
 
 @compiled
-def step_up(work: Workspace, slope: Array, foot: int, floor: float) -> float:
+def step_up(work: Workspace, plan_slope: Array, foot: int, floor: float) -> float:
     """Height of the floor over the planned one under a foot that touches [m].
 
-    The slope is the plan's, and ``floor`` the planned height of its reference point as the phase ends [m].
+    ``floor`` is the planned height of its reference point as the phase ends [m].
     """
     pose, points, wanted = work.body.feet[foot].pose, work.body.points, work.wanted
     if dot(column(pose, 2), column(wanted.foot_rotation[foot], 2)) >= AS_PLANNED:
-        return floor_under(work, slope, foot)[0] - wanted.foot_position[foot, 2]
+        return floor_under(work, plan_slope, foot)[0] - wanted.foot_position[foot, 2]
     count, height = 0, 0.0
     for i in range(len(points)):
         if points[i].foot == foot and work.sensed.contact[i]:
             count, height = count + 1, height + points[i].floor
     return height / count - floor
-
-
-@compiled
-def hold_height(work: Workspace, stepper: Stepper) -> None:
-    """Integrate how far the COM is under its reference into the commanded force's factor."""
-    state: SteppingState = work.stepping[0]
-    error = clip(work.wanted.com[2] - work.body.com[2], -SATURATION, SATURATION)
-    if state.force_factor != 1.0 or abs(error) > DEAD_BAND:
-        change = LIFT * stepper.omega**3 / work.body.gravity * error * stepper.tick
-        state.force_factor = clip(state.force_factor + change, 0.9, 1.1)
 
 
 @compiled
@@ -129,19 +116,19 @@ def stands_flat(work: Workspace) -> bool:
         point = work.body.points[i]
         if point.foot == state.stance and point.line != TIP and not work.sensed.contact[i]:
             return False
-    return bool(state.single and state.stood > 0.04 and state.clock < 0.7 * state.duration)
+    return bool(state.single and state.elapsed > 0.04 and state.clock < 0.7 * state.duration)
 
 
 @compiled
 def is_early(state: SteppingState) -> bool:
     """Whether the swing foot has landed long before its time."""
-    rest = (state.duration - state.clock) / state.rate
+    rest = (state.duration - state.clock) / state.clock_rate
     counts = state.single and state.clock > SWUNG * state.duration and rest > EARLY
-    return bool(counts and state.touches[1 - state.stance] > 1)
+    return bool(counts and state.touch_ticks[1 - state.stance] > 1)
 
 
 @compiled
 def is_late(state: SteppingState) -> bool:
     """Whether the foot that should have landed has not."""
     awaited = not state.single and GRACE < state.clock < 0.5 * state.duration
-    return bool(awaited and state.touches[1 - state.stance] == 0)
+    return bool(awaited and state.touch_ticks[1 - state.stance] == 0)
