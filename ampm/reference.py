@@ -175,15 +175,11 @@ class Timing(NamedTuple):
         early: time before planned contact from which a touch counts as contact [s].
         hold: how long after the tick the last force of its command acts [s]: zero if every tick makes one
             step of the physics. Where the torque is held, accelerations are those of the middle of that time.
-        slope: period of ticks between which the torque goes on with its slope [s]: it is then held only where
-            the plan jumps. Zero: it is always held.
+        extrapolation: time for which the torque goes on with its slope, a tick [s]: it is then held only
+            where the plan jumps. Zero: it is always held.
     """
 
     lead: float = 0.0
     early: float = 0.0
     hold: float = 0.0
-    slope: float = 0.0
-
-
-SHARP = Timing()
-"""No look-ahead."""
+    extrapolation: float = 0.0

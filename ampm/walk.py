@@ -2,10 +2,7 @@
 
 A :class:`WalkPlan` is always complete: centroidal plan, feet, posture. It gives the :class:`Reference` of all
 ticks of a controller at once (:meth:`WalkPlan.table`). A :class:`Controller` is handed one reference each
-tick and keeps none, so a plan can be replaced at any tick.
-
-Vectors are in world: x forward, y left, z up, floor at z = 0. Feet: left first. Contact groups of a foot:
-heel, ball, tip.
+tick and keeps none, so a plan can be replaced at any tick. Axes and order of the feet: :mod:`ampm.reference`.
 """
 
 import math
@@ -23,7 +20,40 @@ from ampm.planner.centroidal import PlanSample
 from ampm.planner.contacts import times_within
 from ampm.planner.feet import FeetPlan, FootSample, foot_turning
 from ampm.planner.support import StepPlan
-from ampm.reference import FIELDS, SHARP, PostureState, Reference, Timing
+from ampm.reference import FIELDS, PostureState, Reference, Timing
+
+
+class State(NamedTuple):
+    """The measured state of the body.
+
+    Attributes:
+        time: [s].
+        q: Pinocchio's: the root's place in world [m], quaternion (x, y, z, w), hinges [rad], shape (nq,).
+        v: of the root in its own axes [m/s, rad/s], then of the hinges [rad/s], shape (nv,).
+        velocity_lag: how much older ``v`` is than ``q`` [s]. A difference quotient, and a semi-implicit
+            integrator's velocity, is the mean over the last step: half a step old.
+    """
+
+    time: float
+    q: Array
+    v: Array
+    velocity_lag: float = 0.0
+
+
+class Touch(NamedTuple):
+    """Contact readings of the soles.
+
+    Attributes:
+        contact: sole points in contact, left foot first, each from heel over ball to tip, shape (P,), bool.
+        normal_force: latest normal force of every sole point, shape (P,) [N].
+        age: how old that force is [s].
+        threshold: load below which a touch may be missed [N].
+    """
+
+    contact: Flags
+    normal_force: Array
+    age: float = 0.0
+    threshold: float = 0.0
 
 
 class Posture(Protocol):
@@ -94,7 +124,7 @@ class WalkPlan(StepPlan):
         """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
         return 0.0 if self.contacts.phases[0].stance == "both" else float(self.contacts.step_ends[0])
 
-    def table(self, times: ArrayLike, timing: Timing = SHARP) -> Reference:
+    def table(self, times: ArrayLike, timing: Timing = Timing()) -> Reference:
         """References at the ticks of a controller, ascending, shape (T,) [s].
 
         Times until lift-off count to the first tick without planned contact, within these ticks or after. At
@@ -106,8 +136,8 @@ class WalkPlan(StepPlan):
         times = times_within(times, self.duration)
         if not times.size:
             raise InputError("there are no times; give one or more.")
-        jumps = np.asarray((np.abs(times[:, None] - self.jump_times) < timing.slope).any(axis=1))
-        delay = 0.5 * timing.hold * (jumps if timing.slope else np.ones(len(times)))
+        jumps = np.asarray((np.abs(times[:, None] - self.jump_times) < timing.extrapolation).any(axis=1))
+        delay = 0.5 * timing.hold * (jumps if timing.extrapolation else np.ones(len(times)))
         now = held = self._sampled(times)
         if delay.any():
             held = self._sampled(np.minimum(times + delay, self.duration))
@@ -143,43 +173,6 @@ class Planner(Protocol):
         """
 
 
-class State(NamedTuple):
-    """The measured state of the body.
-
-    Attributes:
-        time: [s].
-        q: Pinocchio's: the root's place in world [m], quaternion (x, y, z, w), hinges [rad], shape (nq,).
-        v: of the root in its own axes [m/s, rad/s], then of the hinges [rad/s], shape (nv,).
-        velocity_lag: how much older ``v`` is than ``q`` [s]. A difference quotient, and a semi-implicit
-            integrator's velocity, is the mean over the last step: half a step old.
-    """
-
-    time: float
-    q: Array
-    v: Array
-    velocity_lag: float = 0.0
-
-
-class Touch(NamedTuple):
-    """Contact readings of the soles.
-
-    Attributes:
-        contact: sole points in contact, left foot first, each from heel over ball to tip, shape (P,), bool.
-        normal_force: latest normal force of every sole point, shape (P,) [N].
-        age: how old that force is [s].
-        threshold: load below which a touch may be missed [N].
-    """
-
-    contact: Flags
-    normal_force: Array
-    age: float = 0.0
-    threshold: float = 0.0
-
-
-SOLVED, LIMITED, UNSOLVED = 0, 1, 2
-"""Status of a tick: solved; solved with torque or joint limits active; unsolved, a fallback was used."""
-
-
 class Replanner(Planner, Protocol):
     """A planner that goes on planning while its plan is walked.
 
@@ -203,6 +196,10 @@ class Replanner(Planner, Protocol):
             A plan on the same clock, which covers ``time`` and what comes after it. Of a run with footsteps
             it has no fewer steps, and steps on each to 0.2 m.
         """
+
+
+SOLVED, LIMITED, UNSOLVED = 0, 1, 2
+"""Status of a tick: solved; solved with torque or joint limits active; unsolved, a fallback was used."""
 
 
 class ControlOutput(NamedTuple):

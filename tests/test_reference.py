@@ -21,13 +21,13 @@ def rows(**spans) -> Reference:
 
 def test_a_torque_that_goes_on_is_held_only_where_the_plan_jumps():
     assert planned_walk().jump_times.size == 0
-    smooth = rows(hold=0.001, slope=0.002)
+    smooth = rows(hold=0.001, extrapolation=0.002)
     assert not smooth.jumps.any()
     np.testing.assert_array_equal(smooth.row, rows().row)
     jumping = walk_of(COARSE, "gait.planner=lipm").plan
     assert jumping.jump_times == pytest.approx(jumping.contacts.starts[1:])
     walk = replace(planned_walk(), phases=jumping.phases)
-    held = walk.table(TIMES, Timing(hold=0.001, slope=0.002))
+    held = walk.table(TIMES, Timing(hold=0.001, extrapolation=0.002))
     exact, late = (walk.table(times, Timing()) for times in (TIMES, TIMES + 0.0005))
     near = (np.abs(TIMES[:, None] - jumping.jump_times) < 0.002).any(axis=1)
     assert near.sum() == 2 * (jumping.jump_times < TIMES[-1]).sum()

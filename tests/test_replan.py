@@ -343,7 +343,7 @@ def test_torque_is_held_where_a_plan_begins_with_another_acceleration(replanned)
     steeper = Moved(plan.phases[0].x, "acceleration", 1e-3)  # as if its ZMP were 0.1 mm elsewhere
     for other, jumps in ((replace(plan), 0), (begun(plan, x=steeper), 1)):
         course = References(plan, run, physics, steps=1)
-        assert (course.timing.hold, course.timing.slope) == (0.0015, 0.002)
+        assert (course.timing.hold, course.timing.extrapolation) == (0.0015, 0.002)
         found = []
         for reference in course.references:
             found.append(reference)

@@ -62,7 +62,7 @@ class References:
             lead=gains.touchdown_lead,
             early=gains.touchdown_window,
             hold=(self.substeps - 1) * self.time_step,
-            slope=self.tick if gains.hold == "first-order" else 0.0,
+            extrapolation=self.tick if gains.hold == "first-order" else 0.0,
         )
         self.steps, self.run = steps, run
         self.planner, self.controller = planner, controller
