@@ -19,10 +19,9 @@ def add_combination(factor: float, rows: Array, x: Array, out: Array) -> None:
 
 
 @compiled
-def weighted_gram(a: Array, weighted: Array) -> Array:
-    """``a' D a`` of a matrix with many zeros and of ``weighted = D a``, D diagonal, shapes (k, n)."""
+def add_gram(a: Array, weighted: Array, out: Array) -> None:
+    """``out = out + a' D a`` of a, with many zeros, and of ``weighted = D a``, D diagonal, shapes (k, n)."""
     count, n = a.shape
-    out = np.zeros((n, n))
     for j in range(count):
         end = n
         while end > 0 and a[j, end - 1] == 0.0:
@@ -32,7 +31,6 @@ def weighted_gram(a: Array, weighted: Array) -> Array:
             if factor != 0.0:
                 for e in range(end):
                     out[i, e] += factor * weighted[j, e]
-    return out
 
 
 @compiled

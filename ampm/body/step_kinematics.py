@@ -14,7 +14,7 @@ from ampm.body.robot import L_Z
 from ampm.body.step_reference import StepReference
 from ampm.compiled import compiled
 from ampm.geometry import Array
-from ampm.linear import add_combination, solved, weighted_gram
+from ampm.linear import add_combination, add_gram, solved
 from ampm.vectors import column, minus, multiply, plus, put, rotation_vector, turned, vector
 
 Rows = NDArray[np.intp]
@@ -81,12 +81,13 @@ def place(body: Kinematics, tasks: StepReference, k: int, q: Array) -> float:
 def tasks_of(body: Kinematics, rows: Rows) -> tuple[Array, Array, Array]:
     """``J'``, ``W^-1 J'`` and ``J W^-1 J'`` of some rows of the tasks, where a body is placed."""
     columns, jacobian = body.rigid.columns, np.empty((len(body.weight), len(rows)))
-    weighted = np.empty_like(jacobian)
+    weighted, gram = np.empty_like(jacobian), np.zeros((len(rows), len(rows)))
     for j in range(len(jacobian)):  # in loops, which take half the time of numpy's expressions
         for i in range(len(rows)):
             jacobian[j, i] = columns[j, rows[i]]
             weighted[j, i] = jacobian[j, i] / body.weight[j]
-    return jacobian, weighted, weighted_gram(jacobian, weighted)
+    add_gram(jacobian, weighted, gram)
+    return jacobian, weighted, gram
 
 
 @compiled

@@ -1,14 +1,8 @@
 """The controller's quadratic program, condensed on the contact forces.
 
-Accelerations in g (``alpha = qdd / g``), forces as in :mod:`ampm.control.forces`. With B the task rows
-(momentum / m, feet, toes),
-
-    momentum rate      B_c alpha = W phi - e_z - drift_c       (physics: exact)
-    feet and toes      B_f alpha ~ wanted                      (with a softness)
-    posture            alpha ~ alpha_p                         (metric of the posture weights)
-
-are eliminated by one factorisation of the 20 x 20 matrix ``S = B W^-1 B' + softness``; what is left is a QP
-in 24 unknowns: nine forces per foot of six points, and six slacks of the wanted momentum rate. One workspace
+The accelerations of :mod:`ampm.control.tick`, in g, are eliminated by one factorisation of the 20 x 20 matrix
+``S = B W_p^-1 B' + softness``, with the posture weights W_p; what is left is a QP in 24 unknowns: nine forces
+per foot of six points (:mod:`ampm.control.forces`), and six slacks of the wanted momentum rate. One workspace
 serves all contact modes: a point without contact has zero bounds, so the sparsity pattern and the warm start
 survive every switch.
 
@@ -27,7 +21,7 @@ from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.qp import QPProblem, QPSettings, QPSolver
 from ampm.control.workspace import ANGULAR, Contact, Tasks
 from ampm.geometry import Array
-from ampm.linear import add_combination, substitute, triangular
+from ampm.linear import add_combination, add_gram, substitute, triangular
 from ampm.planner.feet import TIP
 
 TANGENT_COST = 0.6
@@ -53,25 +47,13 @@ _CONE = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0,
 
 
 @compiled
-def add_gram(factors: Array, system: Array) -> None:
-    """Add ``F' F`` to a system's matrix, F of shape (k, n) with many zeros."""
-    count = len(system)
-    for j in range(len(factors)):
-        for e in range(count):
-            factor = factors[j, e]
-            if factor != 0.0:
-                for d in range(count):
-                    system[e, d] += factor * factors[j, d]
-
-
-@compiled
 def eliminate_tasks(tasks: Tasks) -> bool:
-    """Solve ``(B W^-1 B' + softness) y = r`` for six unit net wrenches, and for the wanted accelerations.
+    """Solve ``(B W_p^-1 B' + softness) y = r`` for six unit net wrenches, and for the wanted accelerations.
 
     Args:
         tasks: Jacobian and posture in units of the QP, softness and right-hand side. The last seven columns
             of ``system`` become y. The accelerations of a net wrench w are
-            ``W^-1/2 (posture + jacobian y (w, 1))``.
+            ``W_p^-1/2 (posture + jacobian y (w, 1))``.
 
     Returns:
         Whether there is a solution: the rows are independent, and all numbers finite.
@@ -82,7 +64,7 @@ def eliminate_tasks(tasks: Tasks) -> bool:
         system[e, e] = tasks.softness[e]
     for k in range(6):
         system[k, count + k] = 1.0
-    add_gram(tasks.jacobian, system)
+    add_gram(tasks.jacobian, tasks.jacobian, system)
     right = tasks.rhs.copy()
     add_combination(-1.0, tasks.jacobian, tasks.posture, right)
     system[:, count + 6] = right

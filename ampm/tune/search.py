@@ -17,7 +17,7 @@ from ampm.body.robot import Robot
 from ampm.body.step_reference import phase_grid, step_reference
 from ampm.exceptions import InputError, RefusedGait
 from ampm.geometry import Array
-from ampm.linear import solved, weighted_gram
+from ampm.linear import add_gram, solved
 from ampm.parameters import RunParameters
 from ampm.planner.support import StepPlan
 from ampm.tune.free_choices import FreeChoices
@@ -275,8 +275,9 @@ def _linear_step(
         if not free.any():
             break
         part, moved = columns[free], step.copy()
-        damped = weighted_gram(part.T, part.T) + damping * np.eye(len(part))
-        moved[free] += solved(damped, down[free])
+        gram = np.zeros((len(part), len(part)))
+        add_gram(part.T, part.T, gram)
+        moved[free] += solved(gram + damping * np.eye(len(part)), down[free])
         moved = np.clip(moved, low, high)
         new = residuals(moved)
         before, after = (r**2).sum(), (new**2).sum()
