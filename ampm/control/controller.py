@@ -182,15 +182,14 @@ class TrackingController:
     def _torque_map(self) -> tuple[Array, Array]:
         """Torques as ``map @ (acceleration / g, forces) + bias``, shapes (nu, nv + U) and (nu,) [N m]."""
         work, nv, gravity = self.workspace, self.robot.nv, self.robot.gravity
-        motion, contact, torque = work.motion, work.contact, work.joints.torque
-        written = motion.acceleration, contact.solution, contact.point_force, torque
-        kept = [array.copy() for array in written]
+        motion, contact = work.motion, work.contact
+        kept = motion.acceleration.copy(), contact.solution.copy()
         units = np.eye(nv + self.contact_qp.forces + 1)  # with the last one, all unknowns are zero
         columns = np.empty((len(units), self.robot.nu))
         for unit, column in zip(units, columns, strict=True):
             motion.acceleration[:], contact.solution[:] = gravity * unit[:nv], unit[nv:-1]
             self._torques()
-            column[:] = torque
-        for array, values in zip(written, kept, strict=True):
-            array[:] = values
+            column[:] = work.joints.torque
+        motion.acceleration[:], contact.solution[:] = kept
+        self._torques()
         return (columns[:-1] - columns[-1]).T, columns[-1]

@@ -9,7 +9,7 @@ from ampm.compiled import compiled
 from ampm.control.stabilizer import write_zmp
 from ampm.control.workspace import SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.vectors import Vector, along_across, clip, put, times, vector
+from ampm.vectors import Vector, along_across, clip
 
 OPEN = 0.2
 """Share of its force limit from which a point counts as support [1]."""
@@ -80,8 +80,7 @@ def nearest(sole: Array, along: float, across: float) -> tuple[float, float]:
 def share_sole(work: Workspace, slope: Array, tilt: Vector) -> None:
     """Share what the soles can give between COM and trunk, off the plan or disturbed.
 
-    The command is untouched where they give it all. First, the force is multiplied by the factor that holds
-    the COM's height.
+    The command is untouched where they give it all.
 
     With ``r = c - (z / (g + zdd)) cdd``, the ZMP of the command is r plus the arm of its moment. The feedback
     of the COM is a shift of r, that of angular momentum and trunk a shift of the arm.
@@ -93,8 +92,6 @@ def share_sole(work: Workspace, slope: Array, tilt: Vector) -> None:
     state: SteppingState = work.stepping[0]
     body, wanted, com = work.body, work.wanted, work.body.com
     force, moment = work.command.force, work.command.moment
-    if state.force_factor != 1.0:
-        put(force, times(state.force_factor, vector(force)))
     nearly_falling = force[2] < 0.2 * body.mass * body.gravity  # the ZMP means nothing
     if nearly_falling or not state.active:
         return

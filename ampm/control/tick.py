@@ -1,4 +1,4 @@
-"""One control tick: :func:`prepare_qp` before the QP of the contact forces, :func:`take_forces` after it.
+"""One control tick: :func:`prepare_qp`, the QP of the contact forces, :func:`take_forces`, :func:`keep_tick`.
 
 With task rows B (momentum over the mass, soles, toes), accelerations a, contact forces f, their wrench map W:
 
@@ -8,9 +8,8 @@ With task rows B (momentum over the mass, soles, toes), accelerations a, contact
     wrench        W f ~ command                        the QP's cost, under friction and unilateral contact
 
 :func:`prepare_qp` eliminates ``a = map @ W f + bias`` and states the QP in f. :func:`take_forces` takes a
-and, by inverse dynamics, the torques from f. :func:`keep_tick` ends the tick. Task-space inverse dynamics of
-this kind: Wensing & Orin, ICRA 2013; Del Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et
-al., Autonomous Robots 2016.
+and, by inverse dynamics, the torques from f. Task-space inverse dynamics of this kind: Wensing & Orin, ICRA
+2013; Del Prete & Mansard, T-RO 2016; reduced on the contact forces: Herzog et al., Autonomous Robots 2016.
 """
 
 import numpy as np
@@ -101,16 +100,16 @@ def update_kinematics(work: Workspace) -> None:
 @compiled
 def update_command(work: Workspace, stepper: Stepper | None) -> None:
     """Write the net wrench of the ground: the plan's, plus feedback of COM, momentum and trunk."""
-    body, wanted = work.body, work.wanted
-    trunk = body.rigid.trunk[0]
-    pose = np.empty((3, 3))
-    multiply(body.rigid.link[trunk.joint].turn, trunk.turn, pose)
-    error = rotation_error(wanted.trunk, pose)
+    body, state, force = work.body, work.stepping[0], work.command.force
+    trunk, rotation = body.rigid.trunk[0], np.empty((3, 3))
+    multiply(body.rigid.link[trunk.joint].turn, trunk.turn, rotation)
+    error = rotation_error(work.wanted.trunk, rotation)
     tilt = fed_back_tilt(work, error)
-    if work.stepping[0].off_plan:
+    if state.off_plan:
         tilt = times(RIGHTING, tilt)
     command_wrench(work, tilt)
     if stepper is not None:
+        put(force, times(state.force_factor, vector(force)))
         share_sole(work, stepper.plan_slope, error)
 
 

@@ -31,7 +31,6 @@ IN_AIR = 0.1
 """Time without load after which a foot's readings are taken for their offset [s]."""
 TARE = 0.1
 """Time constant of that offset [s]."""
-
 SCALE = 0.3
 """Time constant in which a foot that stands alone finds the scale of its sensor [s]."""
 
