@@ -51,156 +51,6 @@ _NODES, _WEIGHTS = (
 
 
 @compiled
-def ramp_share(tau: float) -> float:
-    """``(1 - exp(-tau)) / tau``: weight of the beginning of a linear change over the time ``tau``."""
-    return 1.0 - 0.5 * tau if tau < 1e-6 else -math.expm1(-tau) / tau
-
-
-@compiled
-def phase_position(state: SteppingState, stepper: Stepper) -> float:
-    """Place of the clock in the curves of its phase, in intervals from the first row on."""
-    return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
-
-
-@compiled
-def phase_interval(state: SteppingState, stepper: Stepper) -> tuple[int, float]:
-    """Number of the interval in which the clock is, and the share of it that has passed."""
-    position = phase_position(state, stepper)
-    i = min(int(position), len(stepper.curves.r) - 2)
-    return i, position - i
-
-
-@compiled
-def dcm_ahead(state: SteppingState, stepper: Stepper, tau: float) -> Array:
-    """DCM from which the rest of its phase leads to the planned end, in world, shape (2,) [m].
-
-    The rest of r takes the time D of ``tau``, whatever it would take in the plan::
-
-        xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
-    """
-    r, begin = stepper.curves.r, phase_position(state, stepper)
-    last, xi = len(r) - 1, math.exp(-tau) * stepper.curves.xi[-1]
-    for k in range(len(_NODES)):
-        at = begin + _NODES[k] * (last - begin)
-        i = min(int(at), last - 1)
-        share, weight = at - i, _WEIGHTS[k] * tau * math.exp(-tau * _NODES[k])
-        for axis in range(2):
-            xi[axis] += weight * ((1.0 - share) * r[i, axis] + share * r[i + 1, axis])
-    return xi
-
-
-@compiled
-def step_change(error: float, decay: float, ramp: float, low: float, high: float) -> float:
-    """How far the next step must be displaced along one axis [m].
-
-    The ankle can shift the ZMP by a constant d between ``low`` and ``high`` until the switch. If all steps
-    that follow are displaced by u, and r goes over to them linearly in double support, the DCM's reference is
-    displaced by ``u ramp decay``. Zero as long as the ankle can do it alone.
-
-    Args:
-        error: of the DCM [m].
-        decay: ``exp(-omega D)``, D until the switch.
-        ramp: :func:`ramp_share` of the double support.
-        low: least shift, if it is negative [m].
-        high: largest shift, if it is positive [m].
-    """
-    d = clip(error / max(1.0 - decay, 1e-9), min(low, 0.0), max(high, 0.0))
-    left = error - (1.0 - decay) * d
-    return left / (decay * ramp) if abs(left) > 1e-12 else 0.0
-
-
-@compiled
-def quintic_tick(motion: Array, target: Vector, remaining: float, tick: float) -> None:
-    """Advance an offset by one tick of the quintic that ends at rest at a target.
-
-    Args:
-        motion: value, rate and acceleration, which are replaced, shape (3, 3).
-        target: where it ends.
-        remaining: time until the end [s].
-        tick: [s].
-    """
-    t, T = tick, remaining
-    for axis in range(3):
-        x, v, a = motion[0, axis], motion[1, axis], motion[2, axis]
-        if tick >= T:
-            motion[0, axis], motion[1, axis], motion[2, axis] = target[axis], 0.0, 0.0
-            continue
-        dp, dv, da = target[axis] - x - v * T - 0.5 * a * T * T, (-v - a * T) * T, -a * T * T
-        c3 = (10.0 * dp - 4.0 * dv + 0.5 * da) / T**3
-        c4 = (-15.0 * dp + 7.0 * dv - da) / T**4
-        c5 = (6.0 * dp - 3.0 * dv + 0.5 * da) / T**5
-        motion[0, axis] = x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5))))
-        motion[1, axis] = v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
-        motion[2, axis] = a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
-
-
-@compiled
-def mean_zmp(state: SteppingState, stepper: Stepper, tau: float) -> Array:
-    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM, shape (2,) [m]."""
-    zmp, begin = stepper.curves.zmp, phase_position(state, stepper)
-    mean, total = np.zeros(2), 0.0
-    for k in range(5):
-        i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
-        weight = math.exp(-0.25 * k * tau) * (0.5 if k in (0, 4) else 1.0)
-        mean[0], mean[1], total = mean[0] + weight * zmp[i, 0], mean[1] + weight * zmp[i, 1], total + weight
-    return mean / total
-
-
-@compiled
-def heading_of(rotation: Array) -> tuple[float, float]:
-    """Cosine and sine of a foot's heading, from its rotation to world."""
-    size = max(math.hypot(rotation[0, 0], rotation[1, 0]), 1e-9)
-    return rotation[0, 0] / size, rotation[1, 0] / size
-
-
-@compiled
-def expected_dcm(work: Workspace, omega: float) -> Array:
-    """Measured DCM, with what the surplus of angular momentum will cost it, in world, shape (2,) [m]."""
-    com, rates, mass = work.body.com, work.tasks.rates, work.body.mass
-    surplus = mass * rates[3:5] - work.wanted.angular_momentum[:2]
-    lever = omega / (mass * work.body.gravity)
-    return com[:2] + rates[:2] / omega + lever * np.array([surplus[1], -surplus[0]])
-
-
-@compiled
-def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau: float, back: Array) -> Array:
-    """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
-
-    The DCM is that of :func:`expected_dcm`, ``tau`` the rest of the single support. ``sole`` has the least
-    and largest place of the standing foot's points, (2, 2) [m]. The step moves ``back`` in any case [m].
-    """
-    state: SteppingState = work.stepping[0]
-    wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
-    cos, sin = heading_of(wanted.foot_rotation[state.stance])
-    decay, ramp = math.exp(-tau), ramp_share(omega * state.double_duration)
-    planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
-    if state.off_plan:
-        planned = dcm_ahead(state, stepper, tau)
-    error = turned_axes(dcm - planned - shift, cos, sin) - ramp * decay * back
-    zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
-    for axis in range(2):
-        low, high = SOLE_SHARE * (sole[0, axis] - zmp[axis]), SOLE_SHARE * (sole[1, axis] - zmp[axis])
-        step[axis] += OVERSHOOT[axis] * step_change(error[axis], decay, ramp, low, high)
-    return step
-
-
-@compiled
-def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> tuple[float, float]:
-    """What the legs allow of a displacement, both along and across [m]; see :func:`needed_step`."""
-    state: SteppingState = work.stepping[0]
-    size, length, beside = stepper.size, sole[1, 0] - sole[0, 0], stepper.foot_width
-    if state.off_plan:  # a foot that is turned takes more
-        cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
-        to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
-        beside += 0.5 * length * abs(cos * to_sin - sin * to_cos)
-    along = clip(step[0], -size * BACKWARD, size * FORWARD)
-    in_line = abs(state.length + along) >= length + GAP * size
-    narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
-    side = 1.0 if state.stance == 1 else -1.0  # of the swing foot
-    return along, side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)
-
-
-@compiled
 def plan_step(work: Workspace, stepper: Stepper) -> bool:
     """Choose place and time of the next step, and whether they differ from the plan.
 
@@ -242,3 +92,153 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
             least_cost, state.stretch, state.choice = cost, factor, k
             state.step[:] = turned_axes(step, cos, -sin)
     return bool(state.step.any())
+
+
+@compiled
+def needed_step(work: Workspace, stepper: Stepper, sole: Array, dcm: Array, tau: float, back: Array) -> Array:
+    """Displacement of the next step that brings the DCM to its plan, along and across, shape (2,) [m].
+
+    The DCM is that of :func:`expected_dcm`, ``tau`` the rest of the single support. ``sole`` has the least
+    and largest place of the standing foot's points, (2, 2) [m]. The step moves ``back`` in any case [m].
+    """
+    state: SteppingState = work.stepping[0]
+    wanted, shift, omega = work.wanted, state.shift[state.stance, :2], stepper.omega
+    cos, sin = heading_of(wanted.foot_rotation[state.stance])
+    decay, ramp = math.exp(-tau), ramp_share(omega * state.double_duration)
+    planned = wanted.com[:2] + wanted.com_velocity[:2] / omega
+    if state.off_plan:
+        planned = dcm_ahead(state, stepper, tau)
+    error = turned_axes(dcm - planned - shift, cos, sin) - ramp * decay * back
+    zmp, step = turned_axes(mean_zmp(state, stepper, tau) + shift, cos, sin), back.copy()
+    for axis in range(2):
+        low, high = SOLE_SHARE * (sole[0, axis] - zmp[axis]), SOLE_SHARE * (sole[1, axis] - zmp[axis])
+        step[axis] += OVERSHOOT[axis] * step_change(error[axis], decay, ramp, low, high)
+    return step
+
+
+@compiled
+def allowed_step(work: Workspace, stepper: Stepper, sole: Array, step: Array) -> tuple[float, float]:
+    """What the legs allow of a displacement, both along and across [m]; see :func:`needed_step`."""
+    state: SteppingState = work.stepping[0]
+    size, length, beside = stepper.size, sole[1, 0] - sole[0, 0], stepper.foot_width
+    if state.off_plan:  # a foot that is turned takes more
+        cos, sin = heading_of(work.wanted.foot_rotation[state.stance])
+        to_cos, to_sin = heading_of(stepper.table.foot_rotation[-1, 1 - state.stance])
+        beside += 0.5 * length * abs(cos * to_sin - sin * to_cos)
+    along = clip(step[0], -size * BACKWARD, size * FORWARD)
+    in_line = abs(state.length + along) >= length + GAP * size
+    narrowest = (IN_LINE * stepper.foot_width if in_line else beside) + NEAR * size
+    side = 1.0 if state.stance == 1 else -1.0  # of the swing foot
+    return along, side * clip(side * step[1], min(narrowest - state.width, 0.0), size * WIDER)
+
+
+@compiled
+def step_change(error: float, decay: float, ramp: float, low: float, high: float) -> float:
+    """How far the next step must be displaced along one axis [m].
+
+    The ankle can shift the ZMP by a constant d between ``low`` and ``high`` until the switch. If all steps
+    that follow are displaced by u, and r goes over to them linearly in double support, the DCM's reference is
+    displaced by ``u ramp decay``. Zero as long as the ankle can do it alone.
+
+    Args:
+        error: of the DCM [m].
+        decay: ``exp(-omega D)``, D until the switch.
+        ramp: :func:`ramp_share` of the double support.
+        low: least shift, if it is negative [m].
+        high: largest shift, if it is positive [m].
+    """
+    d = clip(error / max(1.0 - decay, 1e-9), min(low, 0.0), max(high, 0.0))
+    left = error - (1.0 - decay) * d
+    return left / (decay * ramp) if abs(left) > 1e-12 else 0.0
+
+
+@compiled
+def expected_dcm(work: Workspace, omega: float) -> Array:
+    """Measured DCM, with what the surplus of angular momentum will cost it, in world, shape (2,) [m]."""
+    com, rates, mass = work.body.com, work.tasks.rates, work.body.mass
+    surplus = mass * rates[3:5] - work.wanted.angular_momentum[:2]
+    lever = omega / (mass * work.body.gravity)
+    return com[:2] + rates[:2] / omega + lever * np.array([surplus[1], -surplus[0]])
+
+
+@compiled
+def dcm_ahead(state: SteppingState, stepper: Stepper, tau: float) -> Array:
+    """DCM from which the rest of its phase leads to the planned end, in world, shape (2,) [m].
+
+    The rest of r takes the time D of ``tau``, whatever it would take in the plan::
+
+        xi = exp(-omega D) xi_end + omega int_0^D exp(-omega t) r(t) dt
+    """
+    r, begin = stepper.curves.r, phase_position(state, stepper)
+    last, xi = len(r) - 1, math.exp(-tau) * stepper.curves.xi[-1]
+    for k in range(len(_NODES)):
+        at = begin + _NODES[k] * (last - begin)
+        i = min(int(at), last - 1)
+        share, weight = at - i, _WEIGHTS[k] * tau * math.exp(-tau * _NODES[k])
+        for axis in range(2):
+            xi[axis] += weight * ((1.0 - share) * r[i, axis] + share * r[i + 1, axis])
+    return xi
+
+
+@compiled
+def mean_zmp(state: SteppingState, stepper: Stepper, tau: float) -> Array:
+    """Mean ZMP of the rest of a phase by its weight ``exp(-omega t)`` in the DCM, shape (2,) [m]."""
+    zmp, begin = stepper.curves.zmp, phase_position(state, stepper)
+    mean, total = np.zeros(2), 0.0
+    for k in range(5):
+        i = int(begin + 0.25 * k * (len(zmp) - 1 - begin))
+        weight = math.exp(-0.25 * k * tau) * (0.5 if k in (0, 4) else 1.0)
+        mean[0], mean[1], total = mean[0] + weight * zmp[i, 0], mean[1] + weight * zmp[i, 1], total + weight
+    return mean / total
+
+
+@compiled
+def ramp_share(tau: float) -> float:
+    """``(1 - exp(-tau)) / tau``: weight of the beginning of a linear change over the time ``tau``."""
+    return 1.0 - 0.5 * tau if tau < 1e-6 else -math.expm1(-tau) / tau
+
+
+@compiled
+def phase_interval(state: SteppingState, stepper: Stepper) -> tuple[int, float]:
+    """Number of the interval in which the clock is, and the share of it that has passed."""
+    position = phase_position(state, stepper)
+    i = min(int(position), len(stepper.curves.r) - 2)
+    return i, position - i
+
+
+@compiled
+def phase_position(state: SteppingState, stepper: Stepper) -> float:
+    """Place of the clock in the curves of its phase, in intervals from the first row on."""
+    return clip(state.clock / state.duration, 0.0, 1.0) * (len(stepper.curves.r) - 1)
+
+
+@compiled
+def heading_of(rotation: Array) -> tuple[float, float]:
+    """Cosine and sine of a foot's heading, from its rotation to world."""
+    size = max(math.hypot(rotation[0, 0], rotation[1, 0]), 1e-9)
+    return rotation[0, 0] / size, rotation[1, 0] / size
+
+
+@compiled
+def quintic_tick(motion: Array, target: Vector, remaining: float, tick: float) -> None:
+    """Advance an offset by one tick of the quintic that ends at rest at a target.
+
+    Args:
+        motion: value, rate and acceleration, which are replaced, shape (3, 3).
+        target: where it ends.
+        remaining: time until the end [s].
+        tick: [s].
+    """
+    t, T = tick, remaining
+    for axis in range(3):
+        x, v, a = motion[0, axis], motion[1, axis], motion[2, axis]
+        if tick >= T:
+            motion[0, axis], motion[1, axis], motion[2, axis] = target[axis], 0.0, 0.0
+            continue
+        dp, dv, da = target[axis] - x - v * T - 0.5 * a * T * T, (-v - a * T) * T, -a * T * T
+        c3 = (10.0 * dp - 4.0 * dv + 0.5 * da) / T**3
+        c4 = (-15.0 * dp + 7.0 * dv - da) / T**4
+        c5 = (6.0 * dp - 3.0 * dv + 0.5 * da) / T**5
+        motion[0, axis] = x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5))))
+        motion[1, axis] = v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
+        motion[2, axis] = a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
