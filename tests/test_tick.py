@@ -163,7 +163,7 @@ def test_kinematics(walked):
         close(c.tasks.drift, drift(robot, q, c.sensed.v, now))
         places, turns = frames(robot, q, robot.sole_frames)
         close(c.body.com + c.body.feet["place"], places)
-        close(c.body.feet["pose"], turns)
+        close(c.body.feet["rotation"], turns)
         close(c.body.com + c.body.points["arm"], frames(robot, q, robot.point_frames)[0])
 
 
@@ -180,7 +180,7 @@ def test_a_flat_foot_is_left_with_a_share_of_its_angular_acceleration_unless_its
             stood = (last["planned"] | last["touched"]).any()
             same = stood and np.array_equal(last["touching"], lines[i]["touching"])
             share = gains.stance_yield if same else 0.0
-            actual = gains.frequency * (omega - old["turning"])
+            actual = gains.frequency * (omega - old["last_omega"])
             tilting = np.array([1.0, 1.0, 0.0])  # not about the vertical
             wanted = share * tilting * actual - (1.0 - share * tilting) * gains.stance_damping * omega
             close(it.c.tasks.wanted[9 + 6 * i : 12 + 6 * i], wanted)

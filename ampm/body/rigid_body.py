@@ -77,7 +77,7 @@ class Link:
     velocity: Array3  # of the joint's place [m/s]
     omega: Array3  # rate of the link [rad/s]
     acceleration: Array3  # of the joint's place [m/s^2]
-    turning: Array3  # rate of omega [rad/s^2]
+    alpha: Array3  # rate of omega [rad/s^2]
     force: Array3  # on all that hangs on the joint [N]
     moment: Array3  # the same about O [N m]
 
@@ -214,16 +214,16 @@ def move_links(tree: Records, v: Array, qdd: Array, gravity: float, link: Record
     put(root.velocity, velocity)
     put(root.omega, omega)
     put(root.acceleration, plus(acceleration, (0.0, 0.0, gravity)))
-    put(root.turning, turned(root.turn, (qdd[3], qdd[4], qdd[5])))
+    put(root.alpha, turned(root.turn, (qdd[3], qdd[4], qdd[5])))
     for i in range(1, len(tree)):
         here, base = link[i], link[tree[i].parent]
         axis, arm = vector(here.axis), minus(vector(here.place), vector(base.place))
-        omega, turning, spin = vector(base.omega), vector(base.turning), times(v[5 + i], axis)
+        omega, alpha, spin = vector(base.omega), vector(base.alpha), times(v[5 + i], axis)
         sweep = cross(omega, arm)
         put(here.velocity, plus(vector(base.velocity), sweep))
         put(here.omega, plus(omega, spin))
-        put(here.acceleration, accelerated(vector(base.acceleration), turning, omega, arm))
-        put(here.turning, plus(plus(turning, times(qdd[5 + i], axis)), cross(omega, spin)))
+        put(here.acceleration, accelerated(vector(base.acceleration), alpha, omega, arm))
+        put(here.alpha, plus(plus(alpha, times(qdd[5 + i], axis)), cross(omega, spin)))
 
 
 @compiled
@@ -241,9 +241,9 @@ def angular_momentum(tree: Records, link: Records) -> Vector:
 
 
 @compiled
-def accelerated(acceleration: Vector, turning: Vector, omega: Vector, arm: Vector) -> Vector:
+def accelerated(acceleration: Vector, alpha: Vector, omega: Vector, arm: Vector) -> Vector:
     """Acceleration of a point of a link at an arm from another one [m/s^2]."""
-    return plus(acceleration, plus(cross(turning, arm), cross(omega, cross(omega, arm))))
+    return plus(acceleration, plus(cross(alpha, arm), cross(omega, cross(omega, arm))))
 
 
 @compiled
@@ -253,11 +253,11 @@ def start_forces(tree: Records, link: Records) -> None:
         here = link[i]
         force, moment = ZERO, ZERO
         if tree[i].mass > 0.0:
-            omega, turning, com = vector(here.omega), vector(here.turning), vector(here.com)
+            omega, alpha, com = vector(here.omega), vector(here.alpha), vector(here.com)
             arm = minus(com, vector(here.place))
-            force = times(tree[i].mass, accelerated(vector(here.acceleration), turning, omega, arm))
+            force = times(tree[i].mass, accelerated(vector(here.acceleration), alpha, omega, arm))
             spin = cross(omega, turned(here.com_inertia, omega))
-            moment = plus(plus(turned(here.com_inertia, turning), spin), cross(com, force))
+            moment = plus(plus(turned(here.com_inertia, alpha), spin), cross(com, force))
         put(here.force, force)
         put(here.moment, moment)
 
@@ -336,25 +336,25 @@ def frame_columns(tree: Records, link: Records, joint: int, point: Vector, colum
 
 
 @compiled
-def task_drift(body: RigidBody, v: Array, now: Array, drift: Array) -> None:
+def task_drift(body: RigidBody, v_momentum: Array, v_soles: Array, drift: Array) -> None:
     """Accelerations of the tasks at zero accelerations of the coordinates.
 
     Args:
         body: placed; the motion of its links is overwritten.
-        v: velocity for the momentum, shape (nv,).
-        now: velocity for the soles, shape (nv,).
+        v_momentum: velocity for the momentum, shape (nv,).
+        v_soles: velocity for the soles, shape (nv,).
         drift: written, shape (R,).
     """
     tree, link, soles = body.tree, body.link, body.soles
-    still = np.zeros(len(v))
-    move_links(tree, now, still, 0.0, link)
+    still = np.zeros(len(v_soles))
+    move_links(tree, v_soles, still, 0.0, link)
     for i in range(len(soles)):
         here, first = link[soles[i].joint], 6 + 6 * i
         arm = turned(here.turn, vector(soles[i].offset))
-        turning, omega = vector(here.turning), vector(here.omega)
-        put(drift[first : first + 3], accelerated(vector(here.acceleration), turning, omega, arm))
-        put(drift[first + 3 : first + 6], turning)
-    move_links(tree, v, still, 0.0, link)
+        alpha, omega = vector(here.alpha), vector(here.omega)
+        put(drift[first : first + 3], accelerated(vector(here.acceleration), alpha, omega, arm))
+        put(drift[first + 3 : first + 6], alpha)
+    move_links(tree, v_momentum, still, 0.0, link)
     start_forces(tree, link)
     sum_forces(tree, link)
     root, per_mass = link[0], 1.0 / link[0].mass

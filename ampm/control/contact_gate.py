@@ -38,7 +38,7 @@ def update_contacts(work: Workspace, first: bool) -> None:
     if first:
         lines.touched[:], lines.opening[:] = wanted.planned, wanted.planned
     for i in range(len(points)):
-        points[i].sensed, points[i].touching = work.sensed.normal_force[i], work.sensed.contact[i]
+        points[i].touching = work.sensed.contact[i]
         if points[i].touching:
             lines[points[i].foot, points[i].line].touching = True
     supported = False
@@ -85,10 +85,10 @@ def land(work: Workspace) -> None:
     gain = gains.landing_compensation if age <= OLDEST else 0.0
     forces, change, wrench = contact.forces, contact.change, contact.wrench
     for i in range(len(points)):
-        point, normal = points[i], points[i].normal
+        point, normal, sensed = points[i], points[i].normal, work.sensed.normal_force[i]
         line, least, expected = contact.lines[point.foot, point.line], 0.0, 0.0
         if point.touching and line.opening < 1.0:
-            given = gains.landing_share / weight * point.sensed
+            given = gains.landing_share / weight * sensed
             if line.due:
                 least = given
             elif forces[normal] < given and not contact.lines[point.foot].due.any():
@@ -97,7 +97,7 @@ def land(work: Workspace) -> None:
             if point.line != TIP:
                 least = max(least, gains.landing_force)
             commanded = forces[normal] + since * change[normal]
-            expected = gain * (point.sensed / weight - commanded)
+            expected = gain * (sensed / weight - commanded)
         for k in range(6):
             wrench[k] -= contact.wrench_map[k, normal] * expected
         point.least = max(point.least, least)

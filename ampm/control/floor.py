@@ -75,13 +75,13 @@ def _measure_floor(work: Workspace, i: int, tick: float) -> None:
     foot, heel, ball = work.body.feet[i], work.contact.lines[i, HEEL], work.contact.lines[i, BALL]
     place, planned = work.wanted.foot_position[i], work.wanted.foot_rotation[i]
     loaded = heel.opening == 1.0 and heel.limit == 1.0 and ball.opening == 1.0
-    level = heel.touching and ball.touching and foot.pose[2, 2] > UPRIGHT
+    level = heel.touching and ball.touching and foot.rotation[2, 2] > UPRIGHT
     if heel.planned and ball.planned and loaded and level:
         height = work.body.com[2] - place[2] + foot.place[2]
         foot.footprint[0], foot.footprint[1], foot.footprint[2] = place[0], place[1], height
         foot.floor = height if np.abs(foot.tilt).max() > 0.5 * FLAT else _beyond(height, LEVEL)
         for axis in range(2):
-            slope = planned[axis, 2] / planned[2, 2] - foot.pose[axis, 2] / foot.pose[2, 2]
+            slope = planned[axis, 2] / planned[2, 2] - foot.rotation[axis, 2] / foot.rotation[2, 2]
             foot.slope[axis] += AVERAGE * tick * (slope - foot.slope[axis])
 
 

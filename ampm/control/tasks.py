@@ -31,12 +31,12 @@ def sole_task(work: Workspace, i: int) -> None:
     gains, body, wanted, lines = work.gains, work.body, work.wanted, work.contact.lines[i]
     foot, rows = body.feet[i], slice(6 + 6 * i, 12 + 6 * i)
     rates, acceleration = work.tasks.rates[rows], work.tasks.wanted[rows]
-    rotation = rotation_error(wanted.foot_rotation[i], foot.pose)
+    turn = rotation_error(wanted.foot_rotation[i], foot.rotation)
     if _is_held(lines):
         work.tasks.softness[rows] = STANCE
         if foot.roll_row >= 0:  # the sole rolls as the leg leans
             work.tasks.softness[foot.roll_row] = SWING
-        _stance(work, i, rotation, rates, acceleration)
+        _stance(work, i, turn, rates, acceleration)
         return
     work.tasks.softness[rows] = OFF_PLAN if work.stepping[0].off_plan else SWING
     place = plus(vector(body.com), vector(foot.place))
@@ -45,7 +45,7 @@ def sole_task(work: Workspace, i: int) -> None:
     put(acceleration[0:3], _swing(gains, planned, error, rate_error))
     rate_error = minus(vector(wanted.foot_angular_velocity[i]), vector(rates[3:6]))
     planned = vector(wanted.foot_angular_acceleration[i])
-    put(acceleration[3:6], _swing(gains, planned, rotation, rate_error))
+    put(acceleration[3:6], _swing(gains, planned, turn, rate_error))
 
 
 @compiled
@@ -56,8 +56,8 @@ def _swing(gains: Any, planned: Vector, error: Vector, rate_error: Vector) -> Ve
 
 
 @compiled
-def _stance(work: Workspace, i: int, rotation: Vector, rates: Array, acceleration: Array) -> None:
-    """Write the wanted acceleration of a sole in contact; ``rotation`` takes it to the planned one [rad].
+def _stance(work: Workspace, i: int, turn: Vector, rates: Array, acceleration: Array) -> None:
+    """Write the wanted acceleration of a sole in contact; ``turn`` takes it to the planned rotation [rad].
 
     A point at an arm r holds the sole: of one that lies flat the reference point, of another the middle of a
     line. With v and w the velocity and rate of the sole, the acceleration wanted of this point is
@@ -70,45 +70,45 @@ def _stance(work: Workspace, i: int, rotation: Vector, rates: Array, acceleratio
     press = 1.0 - max(heel.opening, ball.opening) if lines.planned.any() else 0.0
     damping = gains.stance_damping + press * (gains.touchdown_damping - gains.stance_damping)
     share, vertical_share = _yield_shares(gains, lines, work.contact.last[i], press)
-    yielding = times(share * gains.frequency, minus(omega, vector(foot.turning)))
-    put(foot.turning, omega)
+    yielding = times(share * gains.frequency, minus(omega, vector(foot.last_omega)))
+    put(foot.last_omega, omega)
     holds = lines.planned | lines.touched
-    all_lines = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
-    if all_lines and heel.touched and ball.touched:  # flat; about z the floor does not yield
+    should_lie = holds[HEEL] and holds[BALL] and (holds[TIP] or foot.toe < 0)
+    if should_lie and heel.touched and ball.touched:  # flat; about z the floor does not yield
         x, y, z = times(-gains.stance_damping, omega)
-        turning = (1.0 - share) * x + yielding[0], (1.0 - share) * y + yielding[1], z
+        alpha = (1.0 - share) * x + yielding[0], (1.0 - share) * y + yielding[1], z
         pivot = ZERO
     else:
-        turning = _rolling(work, i, all_lines, rotation, rates, share, yielding)
+        alpha = _rolling(work, i, should_lie, turn, rates, share, yielding)
         on_heel = heel.touched if lines.touched.any() else heel.planned
         pivot = minus(_middle(work.body.points, i, HEEL if on_heel else BALL), vector(foot.place))
     slide = cross(omega, pivot)
     speed = plus(velocity, slide)
     down = -damping * (speed[2] + press * (gains.touchdown_velocity + foot.hurry))
-    down = (1.0 - vertical_share) * down + vertical_share * (speed[2] - foot.speed) * gains.frequency
-    foot.speed = speed[2]
+    down = (1.0 - vertical_share) * down + vertical_share * (speed[2] - foot.last_speed) * gains.frequency
+    foot.last_speed = speed[2]
     still = -damping * speed[0], -damping * speed[1], down
-    put(acceleration[0:3], minus(minus(still, cross(turning, pivot)), cross(omega, slide)))
-    put(acceleration[3:6], turning)
+    put(acceleration[0:3], minus(minus(still, cross(alpha, pivot)), cross(omega, slide)))
+    put(acceleration[3:6], alpha)
 
 
 @compiled
 def _rolling(
-    work: Workspace, i: int, late: bool, rotation: Vector, rates: Array, share: float, yielding: Vector
+    work: Workspace, i: int, should_lie: bool, turn: Vector, rates: Array, share: float, yielding: Vector
 ) -> Vector:
     """Wanted angular acceleration of a sole that does not lie flat [rad/s^2].
 
-    If a line is ``late``, the sole turns to the floor; else it rolls on heel or toes as planned. Its roll
+    If it ``should_lie`` flat, the sole turns to the floor; else it rolls on heel or toes as planned. Its roll
     yields as :func:`_stance` says, its pitch does not.
     """
     gains, wanted, omega, lines = work.gains, work.wanted, vector(rates[3:6]), work.contact.lines[i]
     heel, ball = lines[HEEL], lines[BALL]
-    x, y, yaw = minus(times(gains.roll_stiffness, rotation), times(gains.roll_damping, omega))
+    x, y, yaw = minus(times(gains.roll_stiffness, turn), times(gains.roll_damping, omega))
     # Roll and pitch in the axes of the foot's heading: about its x and y axis.
     cos, sin = wanted.foot_rotation[i, 1, 1], -wanted.foot_rotation[i, 0, 1]
     roll, pitch = along_across(x, y, cos, sin)
     roll = (1.0 - share) * roll + cos * yielding[0] + sin * yielding[1]
-    if late:
+    if should_lie:
         rate = gains.touchdown_rate if lines.touched.any() else 0.0
         _, pitch_rate = along_across(omega[0], omega[1], cos, sin)
         pitch = gains.roll_damping * ((rate if heel.touched else -rate) - pitch_rate)
@@ -118,7 +118,7 @@ def _rolling(
         _, planned_change = along_across(change[0], change[1], cos, sin)
         pitch = pitch + planned_change + gains.roll_damping * planned_rate
         if heel.touched and not (ball.planned or ball.touched):
-            pitch -= _sinking(work, i, rotation, rates)
+            pitch -= _sinking(work, i, turn, rates)
     x, y = along_across(roll, pitch, cos, -sin)
     return x, y, yaw
 
@@ -148,12 +148,12 @@ def _is_held(lines: Any) -> bool:
 
 
 @compiled
-def _sinking(work: Workspace, i: int, rotation: Vector, rates: Array) -> float:
+def _sinking(work: Workspace, i: int, turn: Vector, rates: Array) -> float:
     """Pitch acceleration [rad/s^2] that makes up for a loaded heel's sinking: the ball lands as planned."""
     gains, foot, points = work.gains, work.body.feet[i], work.body.points
     heel, ball = _middle(points, i, HEEL), _middle(points, i, BALL)
     length, arm = math.hypot(ball[0] - heel[0], ball[1] - heel[1]), minus(heel, vector(foot.place))
-    planned = work.wanted.foot_position[i, 2] + cross(rotation, arm)[2]
+    planned = work.wanted.foot_position[i, 2] + cross(turn, arm)[2]
     sunk = (planned - work.body.com[2] - foot.place[2]) / length
     rate = -(rates[2] + cross(vector(rates[3:6]), arm)[2]) / length if 0.0 < sunk < DEEPEST else 0.0
     feedback = gains.roll_stiffness * clip(sunk, 0.0, DEEPEST) + gains.roll_damping * rate
@@ -171,10 +171,13 @@ def _middle(points: Any, foot: int, line: int) -> Vector:
 
 
 @compiled
-def toe_task(gains: Any, wanted: Array, angle: float, rate: float) -> float:
-    """Acceleration wanted of a toe joint [rad/s^2], from its planned angle, rate and acceleration."""
-    feedback = gains.swing_damping * (wanted[1] - rate) + gains.swing_stiffness * (wanted[0] - angle)
-    return wanted[2] + feedback
+def toe_task(work: Workspace, i: int) -> None:
+    """Write the wanted acceleration of the toe joint of foot i, if it has one."""
+    gains, row, planned = work.gains, work.body.feet[i].toe_row, work.wanted.foot_toe[i]
+    if row >= 0:
+        off = planned[0] - work.sensed.q[work.body.feet[i].toe + 1]
+        feedback = gains.swing_damping * (planned[1] - work.tasks.rates[row]) + gains.swing_stiffness * off
+        work.tasks.wanted[row] = planned[2] + feedback
 
 
 @compiled

@@ -92,7 +92,7 @@ def update_kinematics(work: Workspace) -> None:
     for i in range(len(body.feet)):
         foot = body.feet[i]
         put(foot.place, minus(place_of(link, foot), from_root))
-        multiply(link[foot.joint].turn, foot.turn, foot.pose)
+        multiply(link[foot.joint].turn, foot.turn, foot.rotation)
     for i in range(len(body.points)):
         put(body.points[i].arm, minus(place_of(link, body.points[i]), from_root))
 
@@ -119,19 +119,17 @@ def update_tasks(work: Workspace) -> None:
 
     The QP adds the contact forces to the momentum's row.
     """
-    body, tasks, wanted, q = work.body, work.tasks, work.wanted, work.sensed.q
+    body, tasks, wanted, sensed = work.body, work.tasks, work.wanted, work.sensed
     tasks.softness[:] = 0.0
     tasks.wanted[:6] = 0.0
     tasks.wanted[2] = -body.gravity
     for i in range(len(body.feet)):
         sole_task(work, i)
-        toe, row = body.feet[i].toe, body.feet[i].toe_row
-        if row >= 0:
-            tasks.wanted[row] = toe_task(work.gains, wanted.foot_toe[i], q[toe + 1], tasks.rates[row])
+        toe_task(work, i)
     posture_task(work)
     # A constant posture plans no rates of the hinges.
     direction = wanted.v if wanted.v[6:].any() else work.motion.v
-    passive_torques(body.passive, q, work.sensed.v, direction, work.motion.passive_torque)
+    passive_torques(body.passive, sensed.q, sensed.v, direction, work.motion.passive_torque)
 
 
 @compiled

@@ -32,9 +32,9 @@ class Foot(Frame):
     toe_row: int  # row of the toe joint among the tasks, -1 if there is none
     roll_row: int  # row of its roll among the tasks, -1 if the ankle holds it
     place: Array3  # sole's reference point from the COM, in world [m]
-    pose: Array33  # axes of the sole to world
-    speed: float  # upward speed of the line that held it at the last tick [m/s]
-    turning: Array3  # its angular velocity at the last tick, in world [rad/s]
+    rotation: Array33  # axes of the sole to world
+    last_speed: float  # upward speed of the line that held it at the last tick [m/s]
+    last_omega: Array3  # its angular velocity at the last tick, in world [rad/s]
     late: float  # time for which its planned contact has been missing [s]
     hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
     floor: float  # height of the floor under it over the plan's floor [m]
@@ -64,7 +64,6 @@ class Point(Frame):
     line: int
     normal: int  # unknown of its normal force
     tangent: int  # first unknown of its foot's tangential forces and twist
-    sensed: float  # latest normal force [N]
     touching: bool
     floor: float  # height at which it touched [m]
     arm: Array3  # place from the COM, in world [m]

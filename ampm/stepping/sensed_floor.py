@@ -39,7 +39,7 @@ def sense_touch(work: Workspace, stepper: Stepper) -> None:
         touched = False
         for i in range(len(points)):
             touched = touched or (points[i].foot == foot and contact[i])
-        touched = touched and work.body.feet[foot].pose[2, 2] >= TIPPED
+        touched = touched and work.body.feet[foot].rotation[2, 2] >= TIPPED
         state.touch_ticks[foot] = state.touch_ticks[foot] + 1 if touched else 0
     state.elapsed += stepper.tick
 
@@ -52,7 +52,7 @@ def floor_under(work: Workspace, plan_slope: Array, foot: int) -> tuple[float, f
     plane through the heights at which the points touched, by least squares.
     """
     points, com, sole = work.body.points, work.body.com, work.body.feet[foot]
-    at, pose = sole.place, sole.pose
+    at, rotation = sole.place, sole.rotation
     n = x = y = z = xx = xy = yy = xz = yz = deepest = 0.0
     for i in range(len(points)):
         point = points[i]
@@ -63,7 +63,7 @@ def floor_under(work: Workspace, plan_slope: Array, foot: int) -> tuple[float, f
             xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
             xz, yz = xz + dx * floor, yz + dy * floor
     height = com[2] + at[2] + SINK
-    slope = -pose[0, 2] / pose[2, 2] - plan_slope[0], -pose[1, 2] / pose[2, 2] - plan_slope[1]
+    slope = -rotation[0, 2] / rotation[2, 2] - plan_slope[0], -rotation[1, 2] / rotation[2, 2] - plan_slope[1]
     if deepest < DEEP_IN:
         return height, slope[0], slope[1]
     x, y, z = x / n, y / n, z / n
@@ -98,8 +98,8 @@ def step_up(work: Workspace, plan_slope: Array, foot: int, floor: float) -> floa
 
     ``floor`` is the planned height of its reference point as the phase ends [m].
     """
-    pose, points, wanted = work.body.feet[foot].pose, work.body.points, work.wanted
-    if dot(column(pose, 2), column(wanted.foot_rotation[foot], 2)) >= AS_PLANNED:
+    rotation, points, wanted = work.body.feet[foot].rotation, work.body.points, work.wanted
+    if dot(column(rotation, 2), column(wanted.foot_rotation[foot], 2)) >= AS_PLANNED:
         return floor_under(work, plan_slope, foot)[0] - wanted.foot_position[foot, 2]
     count, height = 0, 0.0
     for i in range(len(points)):
