@@ -105,13 +105,13 @@ def randomise(c, robot, rng, k):
         stepping["off_plan"] = stepping["active"] and rng.random() < 0.6
     heading = 0.3 * rng.normal()
     stepping["heading"] = np.cos(heading), np.sin(heading)
-    stepping["floor"], stepping["force_factor"] = 0.02 * rng.normal(), rng.choice([1.0, 1.05])
+    stepping["floor_rise"], stepping["force_factor"] = 0.02 * rng.normal(), rng.choice([1.0, 1.05])
     c.sensed.contact[:] ^= rng.random(len(c.body.points)) < 0.05
     sensed = rng.uniform(0.0, 0.3, len(c.body.points)) * robot.mass * robot.gravity
     c.sensed.normal_force[:] = c.sensed.contact * sensed
     c.contact.solution[:] = rng.uniform(0.0, 0.2, len(c.contact.solution))
     c.joints.torque_limit[:] = robot.torque_limit * rng.choice([0.1, 1e3])
-    for name in ("floor", "slope", "raised", "raised_rate"):
+    for name in ("floor_rise", "slope", "raised", "raised_rate"):
         c.body.feet[name] = 0.0
 
 

@@ -52,8 +52,8 @@ def update_contacts(work: Workspace, first: bool) -> None:
             largest = 1.0 if line.touched else missed if line.planned and group != TIP else 0.0
             line.opening = min(line.opening + rate, largest)
             line.limit = min(line.opening, until_lift / ramp)
-            line.off = 0 if line.touching else line.off + 1
-            if close_lifted_tips and group == TIP and line.off > OFF and until_lift > ramp:
+            line.ticks_off = 0 if line.touching else line.ticks_off + 1
+            if close_lifted_tips and group == TIP and line.ticks_off > OFF and until_lift > ramp:
                 line.limit = 0.0
             supported = supported or line.limit > 0.0
     for foot in range(len(lines)):

@@ -13,16 +13,16 @@ from ampm.geometry import Array
 from ampm.planner.feet import BALL, HEEL
 from ampm.vectors import clip, column, cross, plus, put
 
-LEVEL = 0.005
+LEVEL_HEIGHT = 0.005
 """Largest height over the plan's floor that is not followed [m]: soles sink in by some millimetres."""
-FLAT = 0.012
+FLAT_SLOPE = 0.012
 """Largest mean slope that is not followed [1]."""
 RISE = 0.005
 """Rise from foot to foot from which on their heights tell whether a slope is one [m]."""
 AGREES = 0.15
 """If a foot rises by less than this share of what its slope says, a stone tilts it and the floor counts as
 level. From twice the share on, the whole slope counts [1]."""
-AVERAGE = 5.0
+SLOPE_RATE = 5.0
 """Rate of the mean of the slope [1/s]: on a soft floor a sole tilts to and fro with its load."""
 UPRIGHT = 0.995
 """Cosine of a sole's tilt below which it stands on an edge."""
@@ -38,7 +38,6 @@ HURRY, FASTEST = 5.0, 0.3
 def follow_floor(work: Workspace) -> None:
     """Raise feet and COM of the reference by the floor's height over the plan's, and tilt the soles."""
     feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
-    right = wanted.right_load[0]
     for i in range(len(feet)):
         foot, other, lines = feet[i], feet[1 - i], work.contact.lines
         stands = lines[i].touched.any()
@@ -48,21 +47,21 @@ def follow_floor(work: Workspace) -> None:
             step = other.footprint - foot.footprint
             told = other.slope[0] * step[0] + other.slope[1] * step[1]
             share = slope_share(told, step[2]) if abs(told) > RISE else 1.0
-            reach, foot.floor = wanted.foot_position[i] - wanted.foot_position[1 - i], other.floor
+            reach, foot.floor_rise = wanted.foot_position[i] - wanted.foot_position[1 - i], other.floor_rise
             for axis in range(2):
-                slope = share * _beyond(other.slope[axis], FLAT)
-                foot.floor += slope * reach[axis]
+                slope = share * _beyond(other.slope[axis], FLAT_SLOPE)
+                foot.floor_rise += slope * reach[axis]
                 foot.tilt[axis] += RATE * tick * (slope - foot.tilt[axis])
-            if foot.floor != other.floor:  # on a slope, heights count whole
-                foot.floor += other.footprint[2] - other.floor
+            if foot.floor_rise != other.floor_rise:  # on a slope, heights count whole
+                foot.floor_rise += other.footprint[2] - other.floor_rise
         planned = lines[i, HEEL].planned or lines[i, BALL].planned
         foot.late = foot.late + tick if planned and not stands else 0.0
         foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
-        acceleration = RATE * (RATE * (foot.floor - foot.raised) - 2.0 * foot.raised_rate)
+        acceleration = RATE * (RATE * (foot.floor_rise - foot.raised) - 2.0 * foot.raised_rate)
         foot.raised_rate += tick * acceleration
         foot.raised += tick * foot.raised_rate
         tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
-        load = right if i == 1 else 1.0 - right
+        load = wanted.right_load[0] if i == 1 else 1.0 - wanted.right_load[0]
         wanted.foot_position[i, 2] += foot.raised
         wanted.foot_velocity[i, 2] += foot.raised_rate
         wanted.com[2] += load * foot.raised
@@ -79,10 +78,11 @@ def _measure_floor(work: Workspace, i: int, tick: float) -> None:
     if heel.planned and ball.planned and loaded and level:
         height = work.body.com[2] - place[2] + foot.place[2]
         foot.footprint[0], foot.footprint[1], foot.footprint[2] = place[0], place[1], height
-        foot.floor = height if np.abs(foot.tilt).max() > 0.5 * FLAT else _beyond(height, LEVEL)
+        tilted = np.abs(foot.tilt).max() > 0.5 * FLAT_SLOPE
+        foot.floor_rise = height if tilted else _beyond(height, LEVEL_HEIGHT)
         for axis in range(2):
             slope = planned[axis, 2] / planned[2, 2] - foot.rotation[axis, 2] / foot.rotation[2, 2]
-            foot.slope[axis] += AVERAGE * tick * (slope - foot.slope[axis])
+            foot.slope[axis] += SLOPE_RATE * tick * (slope - foot.slope[axis])
 
 
 @compiled

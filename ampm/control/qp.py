@@ -48,8 +48,8 @@ class QPSolution(NamedTuple):
 class QPSettings:
     """Settings of OSQP; all tolerances are in the units of the scaled problem."""
 
-    tolerance: float = 3e-4  # absolute and relative tolerance
-    max_iterations: int = 400  # iterations after which a QP counts as unsolved
+    tolerance: float  # absolute and relative tolerance
+    max_iterations: int  # iterations after which a QP counts as unsolved
     rho: float = 1.0  # ADMM penalty at the start
     alpha: float = 1.1  # over-relaxation
     rho_interval: int = 50  # iterations between two changes of the penalty

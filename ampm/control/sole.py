@@ -99,9 +99,9 @@ def share_sole(work: Workspace, slope: Array, tilt: Vector) -> None:
     sole = places_of(body.points[body.points.limit > OPEN], com, cos, sin)
     if len(sole) == 0:
         return
-    height = over_plane(com, slope) - state.floor
+    height = over_plane(com, slope) - state.floor_rise
     down = body.gravity + over_plane(wanted.com_acceleration, slope)
-    per_rate = (over_plane(wanted.com, slope) - state.floor) / down
+    per_rate = (over_plane(wanted.com, slope) - state.floor_rise) / down
     planned_r = wanted.com[:2] - per_rate * wanted.com_acceleration[:2]
     planned_arm = np.array([-wanted.moment[1], wanted.moment[0]]) / (body.mass * down)
     r_shift = com[:2] - height * force[:2] / force[2] - planned_r

@@ -37,7 +37,7 @@ class Foot(Frame):
     last_omega: Array3  # its angular velocity at the last tick, in world [rad/s]
     late: float  # time for which its planned contact has been missing [s]
     hurry: float  # its speed downwards beyond the touch-down velocity [m/s]
-    floor: float  # height of the floor under it over the plan's floor [m]
+    floor_rise: float  # height of the floor under it over the plan's floor [m]
     slope: Annotated[Array, (2,)]  # slopes of the floor less those of the plan's: dz/dx, dz/dy [1]
     footprint: Array3  # planned place of its last flat stand, at the measured height over it, first NaN [m]
     tilt: Annotated[Array, (2,)]  # slopes with which its reference is tilted [1]
@@ -51,7 +51,7 @@ class Line:
     planned: bool  # planned in contact
     due: bool  # planned in contact now or shortly
     touching: bool  # touches at this tick
-    off: int  # ticks since it touched
+    ticks_off: int  # ticks since it touched
     touched: bool  # has touched down since its contact was due
     opening: float  # share opened since its touch-down, 0 ... 1
     limit: float  # share of the force limit: as `opening`, but closes before lift-off, 0 ... 1
@@ -65,7 +65,7 @@ class Point(Frame):
     normal: int  # unknown of its normal force
     tangent: int  # first unknown of its foot's tangential forces and twist
     touching: bool
-    floor: float  # height at which it touched [m]
+    touch_height: float  # height at which it touched [m]
     arm: Array3  # place from the COM, in world [m]
     limit: float  # `limit` of its line
     share: float  # share of its foot's tangential forces that it takes [1]
@@ -88,7 +88,7 @@ class SteppingState:
     leaving: bool  # whether it leaves its plan at the next tick
     active: bool  # whether it is off its plan or disturbed: COM and trunk share what the sole can give
     heading: Annotated[Array, (2,)]  # cosine and sine of the standing foot's heading
-    floor: float  # height of the floor under the body over the plan's floor [m]
+    floor_rise: float  # height of the floor under the body over the plan's floor [m]
     force_factor: float  # multiplies the commanded force, to hold the COM's height [1]
     single: bool  # whether this is a single support
     stance: int  # foot that stands; in double support the one that leaves
@@ -111,7 +111,7 @@ class SteppingState:
     height: Annotated[Array, (2,)]  # height of the COM over its plan, and its rate [m, m/s]
     sag: float  # height by which the COM goes down for a long step [m]
     com_error: float  # largest component of the COM's distance from the plan's [m]
-    touch_ticks: Annotated[Array, (2,)]  # ticks since every foot touched, 0 without contact
+    touch_ticks: Annotated[Array, (2,)]  # ticks for which each foot has touched, 0 without contact
 
 
 class Curves(NamedTuple):

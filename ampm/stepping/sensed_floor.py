@@ -34,7 +34,7 @@ def sense_touch(work: Workspace, stepper: Stepper) -> None:
     points, contact = work.body.points, work.sensed.contact
     for i in range(len(points)):
         if contact[i] and not points[i].touching:
-            points[i].floor = work.body.com[2] + points[i].arm[2]
+            points[i].touch_height = work.body.com[2] + points[i].arm[2]
     for foot in range(2):
         touched = False
         for i in range(len(points)):
@@ -57,7 +57,7 @@ def floor_under(work: Workspace, plan_slope: Array, foot: int) -> tuple[float, f
     for i in range(len(points)):
         point = points[i]
         if point.foot == foot and work.sensed.contact[i]:
-            dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.floor
+            dx, dy, floor = point.arm[0] - at[0], point.arm[1] - at[1], point.touch_height
             deepest = max(deepest, floor - com[2] - point.arm[2])
             n, x, y, z = n + 1.0, x + dx, y + dy, z + floor
             xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
@@ -104,7 +104,7 @@ def step_up(work: Workspace, plan_slope: Array, foot: int, floor: float) -> floa
     count, height = 0, 0.0
     for i in range(len(points)):
         if points[i].foot == foot and work.sensed.contact[i]:
-            count, height = count + 1, height + points[i].floor
+            count, height = count + 1, height + points[i].touch_height
     return height / count - floor
 
 

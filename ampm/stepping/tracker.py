@@ -93,9 +93,9 @@ class StepTracker:
     def _reset(self) -> None:
         """Set the state to that of a walk on the plan, but keep what was found of the floor."""
         state = self._state
-        floor, force_factor, touches = state.floor, state.force_factor, state.touch_ticks.copy()
+        rise, force_factor, touches = state.floor_rise, state.force_factor, state.touch_ticks.copy()
         self._workspace.stepping[:] = 0
-        state.floor, state.force_factor, state.touch_ticks[:] = floor, force_factor, touches
+        state.floor_rise, state.force_factor, state.touch_ticks[:] = rise, force_factor, touches
         state.clock_rate, state.stretch, state.choice, state.level_slope = 1.0, 1.0, -1, LEVEL_SLOPE
         self._next = -math.inf
 

@@ -226,8 +226,8 @@ def _replace_com(work: Workspace, stepper: Stepper, slope: tuple[float, float], 
         wanted.com_velocity[axis] = omega * (dcm[axis] - wanted.com[axis])
         wanted.com_acceleration[axis] = omega * omega * (wanted.com[axis] - r)
         wanted.moment[axis] *= state.clock_rate
-    state.floor = shift[2]
-    goal = state.floor - state.sag
+    state.floor_rise = shift[2]
+    goal = state.floor_rise - state.sag
     if state.single:
         for axis in range(2):
             goal += slope[axis] * (com[axis] - wanted.foot_position[state.stance, axis] - shift[axis])
