@@ -364,19 +364,22 @@ def task_drift(body: RigidBody, v_momentum: Array, v_soles: Array, drift: Array)
 
 
 @compiled
-def joint_torques(placed: Any, v: Array, qdd: Array, forces: Array, torque: Array) -> None:
+def joint_torques(
+    body: RigidBody, points: Records, gravity: float, v: Array, qdd: Array, forces: Array, torque: Array
+) -> None:
     """Torques of the hinges for accelerations and forces on points of the links.
 
     Args:
-        placed: a :class:`~ampm.control.workspace.PlacedBody`; motion and forces of its links are written.
+        body: placed; motion and forces of its links are written.
+        points: frames of P points.
+        gravity: [m/s^2].
         v: shape (nv,).
         qdd: shape (nv,).
-        forces: on its points, in axes of the world, shape (P, 3) [N].
+        forces: on the points, in axes of the world, shape (P, 3) [N].
         torque: written, shape (nv - 6,) [N m].
     """
-    body, points = placed.rigid, placed.points
     tree, link = body.tree, body.link
-    move_links(tree, v, qdd, placed.gravity, link)
+    move_links(tree, v, qdd, gravity, link)
     start_forces(tree, link)
     for i in range(len(points)):
         here, force, point = link[points[i].joint], vector(forces[i]), place_of(link, points[i])

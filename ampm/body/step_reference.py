@@ -1,4 +1,4 @@
-"""Tasks of a body over one step of a plan, on a grid of times."""
+"""Tasks of a body over a plan, on the grid of one step or at any times."""
 
 from typing import NamedTuple
 
@@ -12,9 +12,9 @@ from ampm.planner.support import StepPlan
 
 
 class StepReference(NamedTuple):
-    """Tasks at the n + 1 times of a step's grid; F = 2 soles, T toe joints, R = 18 + T rows."""
+    """Tasks at n + 1 times of a plan; F = 2 soles, T toe joints, R = 18 + T rows."""
 
-    time: Array  # shape (n+1,) [s], the first step of the plan
+    time: Array  # shape (n+1,) [s]
     position: Array  # com, left sole, right sole, shape (n+1, 1 + F, 3) [m]
     rotation: Array  # of the soles to world, shape (n+1, F, 3, 3)
     toe: Array  # angles of the toe joints, shape (n+1, 2) [rad]

@@ -174,9 +174,9 @@ def update_accelerations(work: Workspace) -> None:
 @compiled
 def update_torques(work: Workspace) -> None:
     """Write the torques of the accelerations under the contact forces, and what passive joints take."""
-    body, motion, contact, torque = work.body, work.motion, work.contact, work.joints.torque
-    point_forces(body.points, contact.solution, body.mass * body.gravity, contact.point_force)
-    joint_torques(body, work.sensed.v, motion.acceleration, contact.point_force, torque)
+    body, motion, force, torque = work.body, work.motion, work.contact.point_force, work.joints.torque
+    point_forces(body.points, work.contact.solution, body.mass * body.gravity, force)
+    joint_torques(body.rigid, body.points, body.gravity, work.sensed.v, motion.acceleration, force, torque)
     torque += motion.passive_torque
 
 
