@@ -114,8 +114,10 @@ class TrackingController:
             self._prepare = bound(prepare_qp, (self._handle,), stepper, True)
         if self._prepare(stepper, first):
             solution = self.contact_qp.solver.solve()
-            status, forces = SOLVED if solution.solved else UNSOLVED, solution.x[: self.contact_qp.forces]
-            if not (solution.solved or np.isfinite(solution.x).all()):  # infeasible: those of the last tick
+            status = SOLVED if solution.solved else UNSOLVED
+            if np.isfinite(solution.x).all():
+                forces = solution.x[: self.contact_qp.forces]
+            else:  # infeasible: those of the last tick
                 forces = without_closed(work.body.points, work.contact.forces)
             work.contact.solution[:] = forces  # which the accelerations follow by the dynamics in any case
             if not self._take_forces():
