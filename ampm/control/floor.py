@@ -60,7 +60,8 @@ def follow_floor(work: Workspace) -> None:
         acceleration = RATE * (RATE * (foot.floor_rise - foot.raised) - 2.0 * foot.raised_rate)
         foot.raised_rate += tick * acceleration
         foot.raised += tick * foot.raised_rate
-        tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
+        if foot.tilt.any():  # never on a level floor
+            tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
         load = wanted.right_load[0] if i == 1 else 1.0 - wanted.right_load[0]
         wanted.foot_position[i, 2] += foot.raised
         wanted.foot_velocity[i, 2] += foot.raised_rate
