@@ -17,7 +17,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
-from typing import Any, cast
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -27,8 +27,7 @@ from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.walk import ControlOutput
-from validation.judge.metrics import METRICS
-from validation.judge.profiles import DEFAULT, Tolerance
+from validation.judge.profiles import DEFAULT
 from validation.trial.disturbances import Disturbance, check_disturbances
 from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, quiet_mujoco
@@ -119,8 +118,10 @@ class FollowedWalk(control.Physics, control.Task):
         self._forces = forces_of(planned.run, disturbances, self.walk.total * self.timestep())
         robot = planned.body.robot
         scales = {"body_weight": robot.mass * robot.gravity, "foot_length": planned.plan.feet.sole.length}
-        limits = [_limits(name, scales) for name in REWARDED]
-        self._bounds = [((0.0, mean), largest - mean) for mean, largest in limits]
+        limits, self._bounds = DEFAULT.limits(scales), []
+        for name in REWARDED:
+            mean = float(limits[f"{name}_rmse"])
+            self._bounds.append(((0.0, mean), float(limits.get(f"{name}_maximum", _MARGIN * mean)) - mean))
         self.begin(0, planned.run)
 
     def begin(self, tick: int, run: RunParameters) -> None:
@@ -212,10 +213,3 @@ class FollowedWalk(control.Physics, control.Task):
         if self.end is not None:
             return 0.0
         return 1.0 if self.loop.done + self.substeps >= self.loop.course.total else None
-
-
-def _limits(signal: str, scales: Mapping[str, float]) -> tuple[float, float]:
-    """Limits of a signal's RMSE and of its largest error in the profile ``default``, in its SI unit."""
-    mean, largest = (DEFAULT.tolerance(METRICS[f"{signal}_{name}"]) for name in ("rmse", "maximum"))
-    limit = float(cast(Tolerance, mean).limit_for(scales))
-    return limit, _MARGIN * limit if largest is None else float(largest.limit_for(scales))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -43,19 +43,43 @@ class Files:
     )
     plot: Path | None = option("--plot", "Draw the plan.", "FILE.png")
 
+    @property
+    def paths(self) -> tuple[Path | None, ...]:
+        """All files, None for one that was not asked for."""
+        return self.save, self.samples, self.motion, self.plot
+
     def check(self) -> None:
         """Raise InputError for files that must not be written, before anything is computed."""
         if self.rate != RATE and self.samples is None:
             raise InputError("--rate needs --samples FILE; give it, too, or leave --rate out.")
-        named = [path.resolve() for path in (self.save, self.samples, self.motion, self.plot) if path]
+        named = [path.resolve() for path in self.paths if path]
         if len(set(named)) < len(named):
             raise InputError(f"{' and '.join(map(str, named))}: give every file its own name.")
-        for table in filter(None, (self.samples, self.motion)):
-            check_new_file(table, ".csv", ".parquet", force=self.force)
-        if self.plot is not None:
-            check_new_file(self.plot, ".png", ".svg", ".pdf", force=self.force)
+        table, picture = (".csv", ".parquet"), (".png", ".svg", ".pdf")
+        for path, suffixes in zip(self.paths, ((".toml",), table, table, picture), strict=True):
+            if path is not None:
+                check_new_file(path, *suffixes, force=self.force)
+
+    def write(
+        self, request: Request, plan: CentroidalPlan, planned: PlannedWalk | None, narrator: Narrator
+    ) -> None:
+        """Write the files of a plan; without a body there is no planned walk."""
+        from ampm.planner.table import plan_table, sample_times
+        from ampm.run_file import dump_run
+        from validation.store.tables import write_columns
+
+        if self.samples is not None:
+            times = sample_times(plan.duration, self.rate)  # refuses a rate before anything is written
+            with narrator.stage("samples"), output_file(self.samples, force=self.force) as work:
+                write_columns(plan_table(plan, times), work)
+        if self.motion is not None and planned is not None:
+            with output_file(self.motion, force=self.force) as work:
+                write_columns(planned.motion.table(), work)
         if self.save is not None:
-            check_new_file(self.save, ".toml", force=self.force)
+            notes = [request.title, *(_margins(planned.tuned) if planned and planned.tuned else ())]
+            text = "".join(f"# {note}\n" for note in notes) + dump_run(request.run)
+            with output_file(self.save, force=self.force) as work:
+                work.write_text(text, encoding="utf-8")
 
 
 @app.command(rich_help_panel=options.BODIES, epilog=f"Presets.\n\n{_PRESET_LINES}")
@@ -82,9 +106,6 @@ def plan(
     from ampm.parameters import NO_PLAN
     from ampm.planner.closed_form import LIPM
     from ampm.planner.periodic import plan_gait
-    from ampm.planner.table import plan_table, sample_times
-    from ampm.run_file import dump_run
-    from validation.store.tables import write_columns
     from validation.trial.plan import plan_walk
 
     files.check()
@@ -96,88 +117,80 @@ def plan(
     if files.motion is not None and (no_body or run.footsteps):
         raise InputError("--motion is of a periodic gait of a body; leave out --no-body and footsteps.")
     narrator = Narrator()
-    walked = None if no_body else plan_walk(request, narrator)
-    planned: CentroidalPlan = plan_gait(run.gait, run.body.mass) if walked is None else walked.plan
-    times = None if files.samples is None else sample_times(planned.duration, files.rate)
-    margin = tuned = posture = None
-    if walked is not None:
-        request, tuned, posture = walked.request, walked.tuned, walked.plan.posture
-        margin = walked.plan.least_zmp_margin()
-    if files.save is not None:
-        notes = [request.title, *(() if tuned is None else _margins(tuned))]
-        with output_file(files.save, force=files.force) as work:
-            lines = "".join(f"# {note}\n" for note in notes)
-            work.write_text(lines + dump_run(request.run), encoding="utf-8")
-    if files.samples is not None and times is not None:
-        with narrator.stage("samples"), output_file(files.samples) as work:
-            write_columns(plan_table(planned, times), work)
-    if files.motion is not None and walked is not None:
-        with output_file(files.motion) as work:
-            write_columns(walked.motion.table(), work)
+    planned = None if no_body else plan_walk(request, narrator)
+    request = request if planned is None else planned.request
+    found: CentroidalPlan = plan_gait(run.gait, run.body.mass) if planned is None else planned.plan
+    files.write(request, found, planned, narrator)
     if files.plot is not None:
         from validation.show.plan import plot_plan
 
         title = f"plan of {request.title}" + (f" over {length.footsteps.name}" if length.footsteps else "")
-        plot_plan(planned, files.plot, title=title)
+        plot_plan(found, files.plot, title=title)
     if as_json:
-        described = {
-            "gait": request.name,
-            "parameters": request.run.model_dump(),
-            **asdict(planned.constants),
-            "step_duration": planned.constants.step_duration,
-            "duration": planned.duration,
-            "residuals": planned.residuals(),
-            "zmp_margin": None if margin is None else margin[0],
-            "motion": None if posture is None else posture.report(),
-            "found": None if tuned is None else dict(tuned.values),
-            "margins": None if tuned is None else dict(tuned.margins),
-        }
-        print_json(described)
+        print_json(plan_values(request, found, planned))
     elif run.gait.planner == NO_PLAN:
         print_line("planner none has no plan: the trial starts with the body standing.")
     else:
-        print_tables(plan_tables(request, planned, walked, margin))
-    narrator.wrote(files.save, files.samples, files.motion, files.plot)
+        print_tables(plan_tables(request, found, planned))
+    narrator.wrote(*files.paths)
     return Status.PASS
 
 
-def plan_tables(
-    request: Request, plan: CentroidalPlan, walk: PlannedWalk | None, margin: tuple[float, float] | None
-) -> list[Table]:
+def plan_values(request: Request, plan: CentroidalPlan, planned: PlannedWalk | None) -> dict[str, Any]:
+    """A plan in SI units, for ``--json``; None is what a plan without a body, or without a search, lacks."""
+    tuned = None if planned is None else planned.tuned
+    return {
+        "gait": request.name,
+        "parameters": request.run.model_dump(),
+        **asdict(plan.constants),
+        "step_duration": plan.constants.step_duration,
+        "duration": plan.duration,
+        "residuals": plan.residuals(),
+        "zmp_margin": None if planned is None else planned.plan.least_zmp_margin()[0],
+        "motion": None if planned is None else planned.plan.posture.report(),
+        "found": None if tuned is None else dict(tuned.values),
+        "margins": None if tuned is None else dict(tuned.margins),
+    }
+
+
+def plan_tables(request: Request, plan: CentroidalPlan, planned: PlannedWalk | None) -> list[Table]:
     """A plan for a reader: constants, and the values found."""
     from ampm.body.limits import CLEARANCE, KNEE_MINIMUM, ROLL_TOLERANCE
 
-    rows = []
-    for field in fields(plan.constants):
-        unit, meaning = field.metadata["unit"], field.metadata["meaning"]
-        value = format_number(getattr(plan.constants, field.name), 6)
-        rows.append((field.name, value, short_unit(unit), meaning))
+    constants = vars(plan.constants)
+    rows = [
+        (f.name, format_number(constants[f.name], 6), short_unit(f.metadata["unit"]), f.metadata["meaning"])
+        for f in fields(plan.constants)
+    ]
     notes = [
         f"{plan.contacts.steps} step{'s' * (plan.contacts.steps != 1)} in {plan.duration:.2f} s",
         f"largest jump at a switch, relative: {format_number(max(plan.residuals().values()), 2)}",
     ]
     if request.run.footsteps:
         notes.append("the constants are those of the gait's equal steps; footsteps differ in length and time")
-    report = {} if walk is None else walk.plan.posture.report()
-    if margin is not None:
-        millimetres = round(1000 * margin[0], 1) + 0.0  # without a sign of zero
-        when = f"{margin[1]:.3f} s, {plan.sample(margin[1]).phase_name[0].replace('_', ' ')}"
-        rolls = ": a heel rises as the ZMP reaches the ball" if abs(margin[0]) < ROLL_TOLERANCE else ""
+    if planned is not None:
+        margin, when = planned.plan.least_zmp_margin()
+        millimetres = round(1000 * margin, 1) + 0.0  # without a sign of zero
+        phase = plan.sample(when).phase_name[0].replace("_", " ")
+        rolls = ": a heel rises as the ZMP reaches the ball" if abs(margin) < ROLL_TOLERANCE else ""
         notes.append(
-            f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm ({when}{rolls})"
+            f"planned ZMP margin, to the edge of the planned support: {millimetres:.1f} mm "
+            f"({when:.3f} s, {phase}{rolls})"
         )
-    if report:
-        knee, clearance = report["knee_minimum"], report["clearance"]
-        distance = f"{1000 * clearance['value']:.1f} mm ({clearance['where']})"
-        notes.append(f"least flexion of a knee: {knee['value']:.3f} rad, at least {KNEE_MINIMUM:g} rad")
-        notes.append(f"least distance of two parts of the body: {distance}, at least {1000 * CLEARANCE:g} mm")
+        if report := planned.plan.posture.report():
+            knee, clearance = report["knee_minimum"], report["clearance"]
+            distance = f"{1000 * clearance['value']:.1f} mm ({clearance['where']})"
+            notes += [
+                f"least flexion of a knee: {knee['value']:.3f} rad, at least {KNEE_MINIMUM:g} rad",
+                f"least distance of two parts of the body: {distance}, at least {1000 * CLEARANCE:g} mm",
+            ]
     tables = [Table(f"plan of {request.title}", ("constant", ">value", "unit", "meaning"), rows, notes)]
-    if walk is not None and walk.tuned is not None:
+    if planned is not None and planned.tuned is not None:
         from ampm.run_file import key_info
 
-        values = walk.tuned.values.items()
+        values = planned.tuned.values.items()
         found = [(key, format_value(value), short_unit(key_info(key).unit)) for key, value in values]
-        notes = ["tightest margins:", *(f"  {text}" for text in _margins(walk.tuned)[:4])]
+        notes = ["tightest margins:", *(f"  {text}" for text in _margins(planned.tuned)[:4])]
         tables.append(Table(f"found for {request.name}", ("key", ">value", "unit"), found, notes))
     return tables
 
