@@ -1,9 +1,7 @@
 """``ampm judge`` and ``ampm fit``: commands that read a log of measured signals."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -81,13 +79,6 @@ def judge(
     from validation.judge.metrics import added_metrics
     from validation.run.judge_log import judge_log, judge_run
 
-    def show(summary: Mapping[str, Any], folder: Path) -> int:
-        if result.as_json:
-            print_json({**summary, "directory": str(folder)})
-        else:
-            print_trial(summary, folder, wrote=folder != log)
-        return status_of(summary)
-
     profile, given = judging.load(), {**vars(comparing), "out": result.out, "force": result.force}
     if log.is_dir():
         if comparing.plan and Path(comparing.plan).is_dir() and Path(comparing.plan).samefile(log):
@@ -99,24 +90,30 @@ def judge(
         summary = judge_run(log, profile).summary
         if lacking := ", ".join(sorted({item.name for item in added_metrics()} - summary["metrics"].keys())):
             raise InputError(f"{log} has no values of {lacking}; walk it again with --metric.")
-        return show(summary, log)
-    narrator = Narrator()
-    target = result.folder(log.stem)
-    check_run_folder(target, force=result.force)
-    trial = judge_log(
-        log,
-        comparing.plan or "normal",
-        columns=options.read_mapping(comparing.columns or ()),
-        settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
-        start=comparing.start,
-        place=comparing.place,
-        strides=comparing.strides,
-        progress=narrator,
-    )
-    trial = trial if profile is None else trial.judged(profile)
-    with narrator.stage("recording and report"):
-        trial.save(target, force=result.force)
-    return show(trial.summary, target)
+        target = log
+    else:
+        narrator = Narrator()
+        target = result.folder(log.stem)
+        check_run_folder(target, force=result.force)
+        trial = judge_log(
+            log,
+            comparing.plan or "normal",
+            columns=options.read_mapping(comparing.columns or ()),
+            settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
+            start=comparing.start,
+            place=comparing.place,
+            strides=comparing.strides,
+            progress=narrator,
+        )
+        trial = trial if profile is None else trial.judged(profile)
+        with narrator.stage("recording and report"):
+            trial.save(target, force=result.force)
+        summary = trial.summary
+    if result.as_json:
+        print_json({**summary, "directory": str(target)})
+    else:
+        print_trial(summary, target, wrote=target != log)
+    return status_of(summary)
 
 
 @app.command(
