@@ -270,19 +270,15 @@ def signal_pairs(
         "left_foot": (measured.foot_position[:, 0], feet[:, :3]),
         "right_foot": (measured.foot_position[:, 1], feet[:, 3:]),
     }
-    found = {}
-    for name, signal in SIGNALS.items():
-        k = "xyz".index(signal.axis)
-        value, reference = vectors[signal.group]
-        found[name] = value[:, k], reference[:, k]
-    return found
+    columns = {name: (*vectors[signal.group], "xyz".index(signal.axis)) for name, signal in SIGNALS.items()}
+    return {name: (value[:, k], reference[:, k]) for name, (value, reference, k) in columns.items()}
 
 
 def _from_standing_foot(planned: PlanRows, measured: MeasuredGait, forward: Array) -> tuple[Array, Array]:
     """ZMP from the standing foot, along and across its heading, measured and planned, shapes (K, 2) [m].
 
-    Of two loaded feet it is the mean, weighted by the measured loads. Where the walk is in the world does not
-    count, which an estimator without fixes of the position cannot know.
+    With two loaded feet it is the mean, weighted by the measured loads. The place of the walk in the world
+    does not count: an estimator without fixes of the position cannot know it.
     """
     load = np.maximum(measured.foot_force[:, :, 2], 0.0)
     load = load / np.where(load.any(axis=1), load.sum(axis=1), np.nan)[:, None]
@@ -300,7 +296,7 @@ def _along(vectors: Array, heading: Array) -> Array:
 
 
 def push_rows(record: SimulationRecord) -> list[tuple[int, int]]:
-    """First row of every push and the row after its end; a force that never ends is none."""
+    """First row of every push, and the row after its end; a force that acts all the time is no push."""
     if not record.external_force.size:
         return []
     force = np.concatenate([record.external_force, record.external_moment], axis=-1)
@@ -311,7 +307,7 @@ def push_rows(record: SimulationRecord) -> list[tuple[int, int]]:
 
 
 def statistics(error: Array, reference: Array, counts: Array) -> Statistics:
-    """Statistics of an error, NaN where not measured, from a reference, weighted by counts [1], all (n,)."""
+    """Statistics of an error from a reference, NaN where not measured, with counts as weights; all (n,)."""
     known = np.isfinite(error)
     unmeasured = int(error.size - np.count_nonzero(known))
     if not known.any():

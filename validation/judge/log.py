@@ -32,9 +32,10 @@ _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [
 def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     """Where a plan begins in a log [s], by correlation of force and lateral ZMP, and the correlation [1].
 
-    Each is over its standard deviation in the plan. Of strides that fit alike the middle one is taken.
-    Between the samples the difference of the ZMPs, or of the forces without a ZMP, varies least. Raises
-    :class:`InputError` if the log is like the plan nowhere, or stands between two walks.
+    Each signal is divided by its standard deviation in the plan. If several strides fit alike, the middle one
+    is taken. The start is then refined to where the difference of the ZMPs (without a ZMP, of the forces) has
+    the least variance. Raises :class:`InputError` if the log matches the plan nowhere, or stands between two
+    walks.
     """
     measured = log.signals["force"] / log.weight
     if "zmp" in log.signals:
@@ -100,9 +101,9 @@ def _centred(values: Array) -> Array:
 
 
 def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
-    """What to add to a log's places, shape (2,) [m], what then has the plan's mean, and the turn of its way.
+    """Shift that gives a log's places the plan's mean (2,) [m], of ``ZMP`` or ``COM``, and turn of its path.
 
-    The turn is to the left of the plan's way [rad]. Without places the name is empty.
+    The turn is to the left of the plan's path [rad]. Of a log without places the name is empty.
     """
     sample = plan.sample(log.time)
     for name, wanted in (("zmp", sample.zmp), ("com", sample.com[:, :2])):
@@ -133,9 +134,10 @@ def check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
 
 
 def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
-    """Average the strides of a log, each from when the left foot takes half of the weight to the next time.
+    """Average the strides of a log; each begins when the left foot takes half of the weight.
 
-    They are compared over the share of the stride, with the plan's duration and mean speed. NaN is left out.
+    The mean is taken at equal shares of the strides, and gets the plan's duration and mean speed. NaN is left
+    out.
 
     Returns:
         The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
@@ -195,7 +197,10 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
-    """Strides from one instant to the next [s], with a share of them around, without a gap and a stand."""
+    """Begins and ends of the strides between instants [s], if they, and a margin [1] around, have no gap.
+
+    A stride that lasts much longer than the median is a stand, and is left out.
+    """
     gaps, found = np.flatnonzero(np.diff(log.time) > max(1.5 * log.time_step, HOLE)), []
     leaves, returns = log.time[gaps], log.time[gaps + 1]
     for begin, end in pairwise(taken.tolist()):
@@ -211,7 +216,7 @@ def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[flo
 def left_share(log: Log) -> Array:
     """Share of the vertical force on the left foot, shape (K,) [1]; NaN where not known.
 
-    Of a log without forces of either foot by the way of the ZMP from foot to foot.
+    Without forces of either foot it is how far the ZMP has moved from the right foot to the left one.
     """
     vertical = log.signals["force"][:, 2]
     share = np.full(vertical.size, np.nan)

@@ -95,14 +95,18 @@ def margins(
         "friction_available": record.friction,
         "joint": Extreme.of(room, record.time, joints),
         "knee": Extreme.of(knees, record.time, [leg.knee for leg in legs]),
-        "clearance": _clearance(record, shapes),
+        "clearance": Extreme(math.nan),
         "tilt": Extreme(math.nan),
         "plan_polygon": _plan_polygon(followed, record, time),
         "measured_polygon": Extreme.of(measured.polygon_margin, time),
         "penetration": Extreme.of(measured.penetration, time, feet, largest=True),
     }
-    if description is not None and shapes:
-        found["tilt"] = largest_tilt(*_postures(record), description, shapes)
+    if shapes:
+        rows = record.state_rows % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
+        q, instants = record.q[rows], record.state_rows[rows] * record.time_step
+        found["clearance"] = Extreme.of_gaps(shapes.recorded_gaps(q), instants)
+        if description is not None:
+            found["tilt"] = largest_tilt(q, instants, description, shapes)
     if fastest := dict(() if description is None else description.speed_limits):
         columns, limits = [joints.index(name) for name in fastest], np.array(list(fastest.values()))
         shares = np.abs(rates[:, columns]) / limits
@@ -153,17 +157,3 @@ def energy(record: SimulationRecord, rows: Flags) -> dict[str, float]:
     speed = distance / (len(moves) * record.time_step)
     transport = positive / (record.mass * record.gravity * distance) if speed >= STANDING else math.nan
     return dict(zip(names, (positive, negative, distance, speed, transport), strict=True))
-
-
-def _postures(record: SimulationRecord) -> tuple[Array, Array]:
-    """Configurations of states :data:`CLEARANCE_ROWS` apart, and their instants [s]."""
-    rows = record.state_rows % (CLEARANCE_ROWS * state_steps(record.time_step)) == 0
-    return record.q[rows], np.asarray(record.state_rows[rows] * record.time_step, dtype=np.float64)
-
-
-def _clearance(record: SimulationRecord, shapes: Shapes | None) -> Extreme:
-    """Least distance of two parts of the body."""
-    if not shapes:
-        return Extreme(math.nan)
-    q, time = _postures(record)
-    return Extreme.of_gaps(shapes.recorded_gaps(q), time)

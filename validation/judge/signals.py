@@ -19,18 +19,19 @@ MOST_ROWS = 70_000
 
 
 def kept_rows(steps: int, time_step: float) -> slice:
-    """Steps of a walk whose signals are kept on disk: all, or as few as are needed.
+    """Steps of a walk whose signals are kept on disk: every n-th, with the least n that keeps few enough.
 
-    Every state on disk keeps its signals, if not every one has to go.
+    To have the signals of every state on disk, n divides the steps from state to state. If that leaves too
+    many rows, n is a multiple of these steps.
     """
     between = state_steps(time_step)
-    apart = [n for n in range(1, between) if between % n == 0]
-    fewest = max(-(-steps // (between * MOST_ROWS)), 1) * between
-    return slice(None, None, next((n for n in apart if steps <= n * MOST_ROWS), fewest))
+    divisors = [n for n in range(1, between) if between % n == 0]
+    multiple = max(-(-steps // (between * MOST_ROWS)), 1) * between
+    return slice(None, None, next((n for n in divisors if steps <= n * MOST_ROWS), multiple))
 
 
 def columns_of(things: Mapping[str, Any], rows: slice) -> dict[str, NDArray[Any]]:
-    """The columns whose values are attributes of some things by name, such as `measured`, shape (n,) each."""
+    """Columns (n,) that :data:`KINDS` takes from attributes of some objects, by names such as `measured`."""
     found: dict[str, NDArray[Any]] = {}
     for kind in KINDS:
         thing, _, attribute = kind.source.partition(".")

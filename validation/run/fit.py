@@ -14,11 +14,11 @@ from ampm.parameters import GRAVITY, RunParameters
 from ampm.planner.periodic import plan
 from ampm.run_file import load_run
 from validation.judge.compare import SIGNALS
-from validation.judge.fit import CONFIDENCE, MODELS, Constant, Scores, Strides, constants, cut_strides, scores
+from validation.judge.fit import CONFIDENCE, Constant, Scores, Strides, constants, cut_strides, scores
 from validation.judge.metrics import display_unit
 from validation.measure.log import HEIGHTS, read_log
 from validation.run.judge_log import log_columns
-from validation.show.fit import fit_page
+from validation.show.fit import LOOKS, fit_page
 from validation.store.folders import check_target
 from validation.store.json import write_json
 from validation.table import ABSENT, Table, Tabled, format_number, short_unit, with_uncertainty
@@ -71,12 +71,12 @@ class Fit(Tabled):
             factor, unit = display_unit(signal.unit, self.strides.weight)
             for support in models["ampm"]:
                 cells = []
-                for model in MODELS:
+                for model in LOOKS:
                     share, rmse = models[model][support].values()
                     percent = format_number(round(100.0 * share, 1) + 0.0)
                     cells += ["< 0" if share < -0.0005 else percent, format_number(factor * rmse, 3)]
                 shares.append([signal.label, support, *cells, short_unit(unit)])
-        heads = [head for name in ("resting ZMP", "rolling ZMP", "AMPM") for head in (f">{name}: %", ">RMSE")]
+        heads = [head for name, _ in LOOKS.values() for head in (f">{name}: %", ">RMSE")]
         note = "%: share of the variance; a dash: the signal rests. The vertical force is the weight in all."
         columns = ["constant", f">value, {100.0 * CONFIDENCE:.0f} % interval", "unit", "meaning"]
         return [

@@ -88,15 +88,16 @@ def judge_log(
     planned = plan_walk(request, progress)
     seconds = {"planning": planned.seconds}
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
-        walked = planned.plan
-        log, facts = _aligned(read_log(signals, walked.weight, name), walked, start, place, strides=strides)
-        measured = measure_log(log, walked.mass, walked.gravity)
-        steps, planned_steps = _steps(log, walked), walked.contacts.steps
+        reference = planned.plan
+        raw = read_log(signals, reference.weight, name)
+        log, facts = _aligned(raw, reference, start, place, strides=strides)
+        measured = measure_log(log, reference.mass, reference.gravity)
+        steps, planned_steps = _steps(log, reference), reference.contacts.steps
         facts |= {} if strides else {"steps": steps, "planned_steps": planned_steps}
-        comparison = compare(walked, log_record(log, measured, steps), measured, counts=log.counts)
+        comparison = compare(reference, log_record(log, measured, steps), measured, counts=log.counts)
         values = evaluate(comparison)
         if strides:  # which are compared over their share
-            stride = 2.0 * walked.constants.step_duration
+            stride = 2.0 * reference.constants.step_duration
             values["stride_duration_error"] = abs(facts["strides"]["duration"] / stride - 1.0)
     part = f"{steps} of {planned_steps} steps of " if steps < planned_steps and not strides else ""
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {part}{planned.name}"))
@@ -107,9 +108,9 @@ def judge_log(
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
     """Judge the folder of a run, or of a log, again by the metrics that it holds; nothing is written.
 
-    They were measured from the plans that were followed, with the states that were recorded at every step, of
-    which the folder keeps some. The profile, or its name, is by default the one by which it was judged.
-    Raises :class:`InputError` if it is not a run folder, or the profile or one of the metrics is not known.
+    The metrics are not computed anew: the folder does not keep every state that they were measured from. The
+    profile, or its name, is by default the one by which it was judged. Raises :class:`InputError` if it is
+    not a run folder, or the profile or one of the metrics is not known.
     """
     saved = load_saved_run(directory)
     limits = find_profile(profile or saved.summary["profile"])
@@ -153,7 +154,7 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
 
 
 def _steps(log: Log, plan: WalkPlan) -> int:
-    """Steps of the plan within a log, whose first and last rows may lack as much time as is no gap."""
+    """Steps of the plan within a log; at its ends it may lack as little time as is no gap."""
     ends, near = np.array([0.0, *plan.contacts.step_ends]), max(2.0 * log.time_step, HOLE)
     return int(np.count_nonzero((ends[:-1] >= log.time[0] - near) & (ends[1:] <= log.time[-1] + near)))
 
@@ -182,7 +183,7 @@ def _aligned(
             f"{log.name} lasts {log.duration:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log."
         )
     facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
-    measured, notes = log, _notes_on_rows(log)
+    raw, notes = log, _notes_on_rows(log)
     if strides:
         check_climb(log, plan, np.linspace(plan.judged_from, plan.duration, PHASES))
         log, facts["strides"] = mean_stride(log, plan)
@@ -208,7 +209,7 @@ def _aligned(
             f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
         )
     late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
-    facts |= _missing(measured if strides else judged, late, strides=strides)
+    facts |= _missing(raw if strides else judged, late, strides=strides)
     _check_phases(judged, plan)
     if not strides:
         check_climb(judged, plan, judged.time)

@@ -159,9 +159,9 @@ def _tables(
 
 
 def _zmp_error(stored: Signals) -> tuple[Array, Array]:
-    """The recorded parts of the ZMP error in sum, and what they add up to, shape (N, 2) [m].
+    """Sum of the recorded parts of the ZMP error, and the error by the recorded ZMPs, shape (N, 2) [m].
 
-    They are given as equal where they agree to rounding.
+    Where both agree to rounding, the sum stands for both.
     """
     parts = np.array([stored.vector(f"zmp_error_{part}", "xy") for part in PARTS])
     total, size = parts.sum(axis=0), np.maximum(np.abs(parts).sum(axis=0), 1.0)

@@ -14,6 +14,7 @@ from validation.show.style import COMMAND, FAINT, MEASURED, PLAN, SHADE
 from validation.table import Table, short_unit
 
 LOOKS = {"pendulum": ("resting ZMP", FAINT), "rolling": ("rolling ZMP", COMMAND), "ampm": ("AMPM", PLAN)}
+"""Name and colour of the models of :mod:`validation.judge.fit`."""
 _FROM = {"zmp": ", from the COM", "angular_momentum": ", less its mean"}
 
 

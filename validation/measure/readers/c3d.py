@@ -8,8 +8,8 @@ import numpy as np
 
 from ampm.exceptions import InputError
 from ampm.geometry import Array
+from validation.measure.log import UNITS
 
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _LEAST = 10.0  # vertical force with a centre of pressure [N]
 _BIG_ENDIAN = 86  # type of processor
 
@@ -34,7 +34,7 @@ def read(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} has no force plates; a log needs the force of the floor.")
     points, of = file["data"]["points"], file["parameters"]["POINT"]
     unit = "".join(of.get("UNITS", {"value": []})["value"][:1]).strip().lower()  # of the plates, too
-    if unit not in _LENGTHS:
+    if unit not in UNITS[""]:
         raise InputError(f"{path}: POINT:UNITS is {unit!r}; write m, cm or mm, the unit of lengths, into it.")
     data = path.read_bytes()  # ezc3d takes the frames that are there, and changes the header to them
     order = ">u2" if data[512 * (data[0] - 1) + 3] == _BIG_ENDIAN else "<u2"
@@ -42,7 +42,7 @@ def read(path: Path) -> dict[str, Any]:
     if points.shape[2] <= last - first:
         wanted = last - first + 1
         raise InputError(f"{path} is cut off after {points.shape[2]} of {wanted} frames; give all of it.")
-    rate, scale = file["header"]["analogs"]["frame_rate"], _LENGTHS[unit]
+    rate, scale = file["header"]["analogs"]["frame_rate"], UNITS[""][unit]
     table: dict[str, Any] = {"time": np.arange(plates[0]["force"].shape[1]) / rate}
     seen_at = np.arange(points.shape[2]) / file["header"]["points"]["frame_rate"]
     for label, place in zip(of["LABELS"]["value"], points[:3].swapaxes(0, 1), strict=False):
