@@ -95,7 +95,7 @@ class _Proposal:
             self.axes[:2] *= -1.0
 
     def _ends(self) -> list[int]:
-        """The two ends of as many joints that are farthest below all else, with z or y up."""
+        """The two ends of equally long chains that are farthest below all other mass, with z or y up."""
         model, data, chains = self.model, self.data, [set(chain) for chain in self.chains]
         moving = [body for body in range(1, model.nbody) if model.body_jntnum[body] and chains[body]]
         ends = [b for b in moving if not any(chains[b] < chains[other] for other in moving)]
@@ -131,7 +131,10 @@ class _Proposal:
         }
 
     def _trunk(self) -> int:
-        """The moving segment reached by going up where most mass is not of the legs, nor of an arm beside."""
+        """The last moving segment from the root outwards, always to most of the mass that is of no leg.
+
+        The way ends where no branch has most of it, or the heaviest lies aside, as an arm does.
+        """
         model, here, found = self.model, self.root, self.root
         side = np.abs((self.data.xpos - self.data.xpos[self.root]) @ self.axes[1])
         while True:
@@ -163,7 +166,7 @@ class _Proposal:
         ]
 
     def _rest(self, others: set[int]) -> dict[str, Any]:
-        """The key ``rest``: the first hinge, not of others, that turns an arm of a pair sideways, spread."""
+        """The key ``rest``: first hinge, not of ``others``, that spreads an arm of a pair, and its angle."""
         model, places = self.model, (self.data.xanchor - self.data.xpos[self.root]) @ self.axes.T
         for joint, forward in enumerate(self.data.xaxis @ self.axes[0]):
             paired = np.abs(places - places[joint] * (1.0, -1.0, 1.0)).max(axis=1).min() < self.beside

@@ -29,7 +29,7 @@ _SCENE = Path(__file__).with_name("scene.xml")
 class Findings:
     """How far the source of a body is from its mirror image, and what it lacks."""
 
-    place: float = 0.0  # largest distance of a joint from its image's image [m]
+    place: float = 0.0  # largest distance of a joint from its mirrored image [m]
     com: float = 0.0  # the same of a segment's COM, times its share of the mass [m]
     mass: float = 0.0  # largest difference of two masses [kg]
     bare: tuple[int, ...] = ()  # numbers of segments without a shape

@@ -39,9 +39,10 @@ class Hinge:
     spring: float
     friction: float
     segment: "Segment" = field(init=False)  # that it moves
-    image: "Hinge" = field(init=False)  # its mirror image, itself in the middle; this and the following
+    # the following are found by `symmetrise`
+    image: "Hinge" = field(init=False)  # the hinge on the other side, itself in the middle
     side: int = field(init=False)  # 1 on the left, -1 on the right, 0 in the middle
-    sign: float = field(init=False)  # of its angle to that of the image
+    sign: float = field(init=False)  # its angle over that of the image in the mirrored pose, 1 or -1
 
     @property
     def place(self) -> Array:
@@ -71,15 +72,15 @@ class Segment:
 
     @property
     def image(self) -> "Segment":
-        """Its mirror image, itself in the middle."""
+        """The segment on the other side, itself in the middle."""
         return self.joints[-1].image.segment if self.joints else self
 
 
 def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findings:
-    """Give segments and hinges at angles of 0 the mean of themselves and of their image's mirror image.
+    """Make a body symmetric: each segment and hinge becomes the mean of itself and its mirrored image.
 
-    The image of a hinge is found by its place and axis, whatever its name. Limits, dampers and springs of a
-    right hinge are those of its image.
+    The image of a hinge is the one on the other side, found by place and axis at angles of 0, whatever its
+    name. Limits, dampers and springs of a right hinge are those of its image.
 
     Args:
         segments: of a body whose left is towards +y, from the root outwards; changed.
@@ -113,7 +114,7 @@ def symmetrise(segments: Sequence[Segment], locked: Sequence[str] = ()) -> Findi
 
 
 def _find_images(segments: Sequence[Segment], near: float, total: float, locked: Sequence[str]) -> float:
-    """Find image and side of each hinge; the largest distance of a hinge from its image's image [m].
+    """Find image and side of each hinge; the largest distance of a hinge from its mirrored image [m].
 
     Two hinges at one place, such as clavicles, are told apart by the middles of what hangs on them. Raises
     InputError if a hinge has no image within ``near`` [m]; ``total`` is the mass [kg].
@@ -157,7 +158,7 @@ def _limb_middles(segments: Sequence[Segment]) -> Array:
 
 
 def _mean_hinges(segments: Sequence[Segment]) -> tuple[str, ...]:
-    """Make hinges the mirror images of each other, with the signs of their angles; what differed."""
+    """Make hinges mirror images of each other, and find the signs of their angles; values that differed."""
     before, unlike = {joint: copy(joint) for segment in segments for joint in segment.joints}, list[str]()
     for mean, here in before.items():
         image = before[here.image]
@@ -180,10 +181,10 @@ def _mean_hinges(segments: Sequence[Segment]) -> tuple[str, ...]:
 
 
 def _mean_segments(segments: Sequence[Segment], total: float) -> tuple[float, float, float]:
-    """Make segments the mirror images of each other; largest differences of both sides.
+    """Make segments mirror images of each other; largest differences of left and right before.
 
-    They are of places [m], of COMs times their share of the mass ``total`` [m], of masses [kg]. Raises
-    InputError if a segment does not hang on the image of what its image hangs on.
+    These are of places [m], of COMs times their share of the mass ``total`` [m], of masses [kg]. Raises
+    InputError if two images do not hang on images.
     """
     before = {segment: copy(segment) for segment in segments}
     places, coms, masses = [0.0], [0.0], [0.0]

@@ -81,17 +81,17 @@ class Tree:
     def __init__(self, file: BodyFile, model: mujoco.MjModel, speeds: Mapping[str, float]) -> None:
         self.file, self.model, self.speeds = file, model, speeds
         self._check_source()
-        self.efforts = motor_limits(model)
+        self.efforts = motor_limits(model)  # by number of the joint [N m]
         root = self.body(file.root, "root")
-        self.feet = [self.body(name, "foot") for name in file.foot]
+        self.feet = [self.body(name, "foot") for name in file.foot]  # bodies of the source
         self.data = at_zero(model)
-        self.origin = self.data.xpos[root]
-        self.align = upright_axes(self.data, self.feet)
+        self.origin = self.data.xpos[root]  # in the source, as the following
+        self.align = upright_axes(self.data, self.feet)  # forward, left and up, the rows
         if not self.align[1].any():
             raise InputError("both feet are at one place; correct foot in the body's description.")
-        self.segments: list[Segment] = []
-        self.of_body: dict[int, Segment] = {}
-        self._read(root, None)
+        self.segments: list[Segment] = []  # from the root outwards
+        self.of_body: dict[int, Segment] = {}  # that a body of the source is a part of
+        self._add_body(root, None)
         for role, name in (("trunk", file.trunk), *(("foot", foot) for foot in file.foot)):
             if self.body(name, role) not in self.of_body:
                 raise InputError(
@@ -105,9 +105,8 @@ class Tree:
                 f"{model.body(top).name!r} as root, or take them out of the model.",
                 key="body.root",
             )
-        left = self.feet[0]
-        self.foot_offset = self._vector(self.data.xpos[left] - self.origin)
-        self.foot_offset -= self.of_body[left].place
+        left = self.feet[0]  # its origin from that of its segment
+        self.foot_offset = self._vector(self.data.xpos[left] - self.origin) - self.of_body[left].place
         self.hinges = {joint.name: joint for segment in self.segments for joint in segment.joints}
         for role, names in (("knee", file.knee), ("rest", file.rest)):
             for name in names:
@@ -177,9 +176,9 @@ class Tree:
     def _vector(self, vector: Array) -> Array:
         return np.asarray(self.align @ vector)
 
-    def _read(self, body: int, parent: Segment | None) -> None:
+    def _add_body(self, body: int, parent: Segment | None) -> None:
         """Add a body and all that hangs on it."""
-        joints, segment = self._joints(body), parent
+        joints, segment = self._hinges_of(body), parent
         if joints or segment is None:
             place = self._vector(self.data.xpos[body] - self.origin)
             segment = Segment(self.model.body(body).name, parent, place, joints)
@@ -189,9 +188,9 @@ class Tree:
         self._add_shapes(body, segment)
         for child in np.flatnonzero(self.model.body_parentid == body).tolist():
             if child != body:
-                self._read(child, segment)
+                self._add_body(child, segment)
 
-    def _joints(self, body: int) -> list[Hinge]:
+    def _hinges_of(self, body: int) -> list[Hinge]:
         """Hinges of a body of the source that are not locked, with the values of the description."""
         model, file, hinges = self.model, self.file, []
         first = int(model.body_jntadr[body])
@@ -271,13 +270,13 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def joints_above(model: mujoco.MjModel) -> list[list[int]]:
-    """Joints from the world to each body, without those to the world."""
+    """Joints from the root of its tree to each body, without those of the root."""
     lines = [_line(model, body)[2:] for body in range(model.nbody)]
     return [np.flatnonzero(np.isin(model.jnt_bodyid, line)).tolist() for line in lines]
 
 
 def coupled_joints(model: mujoco.MjModel) -> set[str]:
-    """Joints that equalities couple, such as all between two segments; of tendons the equality's name."""
+    """Names of joints that equalities couple, of two segments all between them; else of the equality."""
     names, above = set[str](), joints_above(model)
     for k in np.flatnonzero(model.eq_active0).tolist():
         ends = [end for end in (model.eq_obj1id[k], model.eq_obj2id[k]) if end >= 0]
