@@ -25,12 +25,6 @@ def _distances(one: Array, other: Array, walk: Comparison) -> Array:
     return np.asarray(np.linalg.norm((one - other)[walk.inside], axis=1))
 
 
-def _slip(walk: Comparison) -> float | None:
-    """Largest slip in the window [m]; None where none was measured, as in a log without it."""
-    slip = walk.measured.slip
-    return None if np.isnan(slip).all() else largest(slip[walk.inside])
-
-
 def _shortfall(walk: Comparison) -> float | None:
     """How much is missing to the least clearance [m]; None if the body's shapes are not known."""
     clearance = walk.costs["margins"]["clearance"].value
@@ -96,7 +90,9 @@ def _unsupported(walk: Comparison) -> float:
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
     "stride_duration_error": lambda walk: None,  # of logs alone, see `judge_log`
-    "slip_maximum": _slip,
+    "slip_maximum": lambda walk: (  # None where none was measured, as in a log
+        None if np.isnan(walk.measured.slip).all() else largest(walk.measured.slip[walk.inside])
+    ),
     "clearance_shortfall": _shortfall,
     "speed_excess": lambda walk: (  # None for a body without such limits
         max(0.0, walk.costs["margins"]["speed"].value - 1.0) if "speed" in walk.costs["margins"] else None

@@ -135,20 +135,25 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
     arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
     strides = Strides(**arrays, weight=log.weight)
     strides.signals[..., 5:] = _closed(strides.signals[..., 5:], strides.durations)
+    _check_com(strides, log.name)
+    return strides, len(found) - len(chosen)
+
+
+def _check_com(strides: Strides, name: str) -> None:
+    """Refuse a COM that climbs from its floor or contradicts the force, of a log of this name."""
     heights = strides.com[..., 2].mean(axis=(1, 2))
     if (drift := float(np.median(np.abs(np.diff(heights))))) > _DRIFT * heights.mean():
         raise InputError(
-            f"{log.name}: the COM's height over the floor changes by {drift:.3g} m a stride, more than "
+            f"{name}: the COM's height over the floor changes by {drift:.3g} m a stride, more than "
             f"{100.0 * _DRIFT:g} % of it; give the column floor, its height there, or walk an old run anew."
         )
     for axis, agrees in zip("xy", np.median(strides.agreement, axis=0), strict=True):
         if agrees < _AGREE:
             raise InputError(
-                f"{log.name}: along {axis} the force explains {100.0 * agrees:.0f} % of the acceleration of "
+                f"{name}: along {axis} the force explains {100.0 * agrees:.0f} % of the acceleration of "
                 f"the COM, less than {100.0 * _AGREE:g} %; correct sign, unit (--columns "
                 f"force_{axis}=-COLUMN[UNIT]), axis or clock of one of them, or leave the columns of com out."
             )
-    return strides, len(found) - len(chosen)
 
 
 def _stride(log: Log, ends: tuple[float, float], right: Array, height: float | None) -> dict[str, Any] | None:

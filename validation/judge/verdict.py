@@ -1,7 +1,7 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -191,20 +191,12 @@ def judge(
                 judged=limit is not None and not ended and not math.isnan(value),
             )
         )
-    if not ended and not limits:
-        ended = f"The profile {profile.name} has no limits."
-    if not ended and profile.name == "pushed" and "recovery_time" not in metrics:
-        ended = "Nothing pushed the body off a plan: judge it by another profile."
-    if not ended and "velocity_x_error" in metrics.keys() - limits.keys():
-        ended = "The walk has no plan: judge it by the profile free."
-    if not ended and profile.name == "free" and "velocity_x_error" not in metrics:
-        ended = "The walk has a plan and no commanded velocity: judge it by another profile."
-    if ended:
-        return Verdict(VerdictName.NOT_MEASURED, profile.name, ended, tuple(results))
+    if why := ended or _misfit(profile.name, metrics.keys(), limits.keys()):
+        return Verdict(VerdictName.NOT_MEASURED, profile.name, why, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
     own = {metric.name for metric in added_metrics()}
-    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log or {})
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than its first step'}."
     if checks := len(missing) - len(lacking):
@@ -214,10 +206,23 @@ def judge(
     return Verdict(verdict, profile.name, reason, tuple(results))
 
 
+def _misfit(profile: str, metrics: Collection[str], limits: Collection[str]) -> str:
+    """Why a profile, with limits for some metrics of a walk, cannot judge it; empty if it can."""
+    if not limits:
+        return f"The profile {profile} has no limits."
+    if profile == "pushed" and "recovery_time" not in metrics:
+        return "Nothing pushed the body off a plan: judge it by another profile."
+    if "velocity_x_error" in metrics and "velocity_x_error" not in limits:
+        return "The walk has no plan: judge it by the profile free."
+    if profile == "free" and "velocity_x_error" not in metrics:
+        return "The walk has a plan and no commanded velocity: judge it by another profile."
+    return ""
+
+
 def _conclude(
-    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any] | None
+    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any]
 ) -> tuple[VerdictName, str]:
-    """Verdict and its reason, of the names that were not measured and the number of limits that were."""
+    """Verdict and its reason; ``limits`` is how many were measured, and ``log`` is empty for a walk."""
 
     def against(item: MetricResult) -> str:
         return f"{item.label}: {item.against}"
@@ -243,15 +248,15 @@ def _conclude(
         return VerdictName.FAIL, reason + unknown
     were = "was" if len(signals) == 1 else "were"
     lacks = [f"{' and '.join(signals)} {were} not measured"] if missing else []
-    if log is not None and (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
+    if (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
         lacks.append(f"{100 * left_out:.1f} % of the time is left out")
-    if log is not None and (empty := log.get("empty", 0.0)) > _LEFT_OUT:
+    if (empty := log.get("empty", 0.0)) > _LEFT_OUT:
         lacks.append(f"the angular momentum is empty in {100 * empty:.1f} % of the rows")
-    if log is not None and log.get("beside") and log["steps"] < log["planned_steps"]:
+    if log.get("beside") and log["steps"] < log["planned_steps"]:
         lacks.append(f"the part that is like the plan lacks {log['beside']} of the log's steps")
-    if log is not None and log.get("steps") == 0:
+    if log.get("steps") == 0:
         lacks.append("no step of the plan is whole")
-    if lacks and log is not None and passed and not undecided:
+    if lacks and log and passed and not undecided:
         lack = ", and ".join(lacks)
         return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {lack}."
     if missing:
