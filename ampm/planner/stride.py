@@ -155,19 +155,7 @@ def feet_of(frames: KeyFrames, contacts: Contacts, foot: FootParameters, sole: S
     Raises:
         InputError: the heel would rise before the foot stands alone, or after it has left.
     """
-    place = np.array([step.position for step in contacts.footsteps])
-    yaw, slope = np.array([step.heading for step in contacts.footsteps]), contacts.slope
-    for first in (0, 1):  # without turns of more than pi from a foot's step to its next one
-        yaw[first::2] = np.unwrap(yaw[first::2])
-    roll_angle = math.atan(slope[1])
-    if slope != LEVEL and (yaw.any() or place[:, 2].any()):
-        key, value = ("gait.slope", slope[0]) if slope[0] else ("gait.cross_slope", slope[1])
-        raise InputError(
-            f"{key} = {value:g} needs footsteps straight along x, all on the slope; give "
-            f"footsteps of zero heading and z, or {key} = 0."
-        )
-    place[:, 2] += place[:, :2] @ slope
-    place, tilt = place @ turn_about_x(roll_angle), math.atan(slope[0] * math.cos(roll_angle))
+    place, yaw, tilt, roll_angle = _on_slope(contacts)
     times = np.array([phase[:2] for phase in contacts.phases])
     first = int(contacts.kind_codes[0])  # 1: both feet stand before the first swing
     lifted, single = times[first::2].T
@@ -221,6 +209,27 @@ def feet_of(frames: KeyFrames, contacts: Contacts, foot: FootParameters, sole: S
     even, odd = _foot_path(segments, 0), _foot_path(segments, 1)
     left, right = (even, odd) if contacts.footsteps[0].foot == "left" else (odd, even)
     return FeetPlan(sole, left, right, contacts.duration, contacts.slope)
+
+
+def _on_slope(contacts: Contacts) -> tuple[Array, Array, float, float]:
+    """Places (n + 2, 3) [m] and headings (n + 2,) [rad] of the footsteps, and the angles of the floor [rad].
+
+    The places are in axes turned about x with a floor that slopes across; the angles are front up, left up.
+    Raises InputError if footsteps on a slope turn or climb.
+    """
+    place = np.array([step.position for step in contacts.footsteps])
+    yaw, slope = np.array([step.heading for step in contacts.footsteps]), contacts.slope
+    for first in (0, 1):  # without turns of more than pi from a foot's step to its next one
+        yaw[first::2] = np.unwrap(yaw[first::2])
+    if slope != LEVEL and (yaw.any() or place[:, 2].any()):
+        key, value = ("gait.slope", slope[0]) if slope[0] else ("gait.cross_slope", slope[1])
+        raise InputError(
+            f"{key} = {value:g} needs footsteps straight along x, all on the slope; give "
+            f"footsteps of zero heading and z, or {key} = 0."
+        )
+    roll_angle = math.atan(slope[1])
+    place[:, 2] += place[:, :2] @ slope
+    return place @ turn_about_x(roll_angle), yaw, math.atan(slope[0] * math.cos(roll_angle)), roll_angle
 
 
 def _swings(
