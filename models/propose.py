@@ -131,10 +131,7 @@ class _Proposal:
         }
 
     def _trunk(self) -> int:
-        """The last moving segment from the root outwards, always to most of the mass that is of no leg.
-
-        The way ends where no branch has most of it, or the heaviest lies aside, as an arm does.
-        """
+        """The last moving segment on the way outwards along most of the mass, without legs and arms."""
         model, here, found = self.model, self.root, self.root
         side = np.abs((self.data.xpos - self.data.xpos[self.root]) @ self.axes[1])
         while True:
