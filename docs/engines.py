@@ -15,7 +15,6 @@ from trials import AGREEMENT, agreement, ending, read_rows, write_rows
 import validation as val
 from ampm.presets import preset_names
 from benchmarks.page import replace_between
-from validation.judge.profiles import own_profile
 from validation.table import Table
 from validation.trial.plan import load_request
 
@@ -52,7 +51,7 @@ def _walked(gait: str, time_step: float, engine: str) -> tuple[str, ...]:
     settings = [f"simulation.time_step={time_step}", f"simulation.engine={engine}", f"gait.steps={STEPS}"]
     settings += [] if preset else [f"body.source={gait}"]
     request = load_request(gait if preset else None, settings)
-    trial = val.walk(request.run, name=gait).judged(own_profile(request.run))
+    trial = val.walk(request.run, name=gait)
     reason = "" if trial.verdict.passed else trial.verdict.reason
     return ending(trial.summary), *agreement(trial.summary["metrics"]), reason
 

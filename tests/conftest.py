@@ -66,7 +66,7 @@ def run_in(shared_folder: Path) -> RunOf:
             if not (target / "summary.json").is_file():
                 shutil.rmtree(target, ignore_errors=True)
                 request = load_request(gait, changed, as_is=True, sections=sections)
-                walk_planned(plan_walk(request)).save(target, recording=False)
+                walk_planned(plan_walk(request), "default").save(target, recording=False)
         return target
 
     return get

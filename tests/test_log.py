@@ -17,7 +17,6 @@ from tests.saved_run import make_run
 from tests.test_bad_input import assert_said, rows_of
 from tests.test_replan import Replanning
 from validation.judge.log import whole_strides
-from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty
 from validation.measure.log import UNITS
 from validation.run.walk import walk_planned
@@ -345,7 +344,7 @@ def kept(folder, **changed):
 def test_a_run_is_judged_as_it_was(tmp_path, ampm, gait, settings, profile, measured):
     request = load_request(gait, ["gait.steps=2", "simulation.time_step=0.002", *settings], as_is=True)
     folder = tmp_path / "run"
-    walk_planned(plan_walk(request), own_profile(request.run)).save(folder, recording=False)
+    walk_planned(plan_walk(request)).save(folder, recording=False)
     before, again = kept(folder)
     assert before["profile"] == profile
     assert before["metrics"][measured]["value"] is not None

@@ -58,7 +58,6 @@ def compare(
     --planner "mine:Planner,gain=2". Of two sweeps the first is the reference: runs are matched by their
     parameters, and the exit status tells a regression.
     """
-    # Imported here because simulator and measurement are slow to load.
     from validation.study.compare.comparison import WalkComparison, compare_gaits, compare_runs
     from validation.study.compare.report import write_comparison
     from validation.study.compare.sweeps import SweepComparison, compare_sweeps

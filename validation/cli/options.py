@@ -16,6 +16,7 @@ from ampm.exceptions import InputError
 from ampm.files import absolute, quoted
 from ampm.presets import preset_names
 from validation.cli.console import Narrator, print_json, print_line
+from validation.store.folders import new_folder
 from validation.table import print_tables
 
 if TYPE_CHECKING:
@@ -231,8 +232,6 @@ class Result:
 
     def folder(self, name: str) -> Path:
         """The folder of one result."""
-        from validation.run.validate import new_folder  # loads the simulator
-
         return self.out or new_folder(name)
 
 

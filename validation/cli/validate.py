@@ -48,7 +48,6 @@ def validate(
     printed; given values stay.
     """
     from ampm.run_file import leaves_open
-    from validation.judge.profiles import own_profile
     from validation.judge.uncertainty import load_uncertainty, matching
     from validation.run import validate as run
     from validation.trial.plan import complete, load_requests
@@ -60,7 +59,6 @@ def validate(
     disturbances = disturbing.load()
     if uncertainty and disturbances:
         raise InputError("--uncertainty holds for no walk with --push or --disturbance; leave it out.")
-    judges = [profile or own_profile(request.run, disturbances) for request in requests]
     known = [load_uncertainty(path) for path in uncertainty or ()]
     for request in requests if known else ():  # before any walks
         if not leaves_open(request.run):
@@ -69,13 +67,13 @@ def validate(
     narrator = Narrator()
     answers: list[dict[str, Any]] = []
     statuses = [Status.PASS]
-    for request, target, judge in zip(requests, targets, judges, strict=True):
+    for request, target in zip(requests, targets, strict=True):
         try:
             request = complete(request, narrator) if known else request
             summary = run.validate(
                 request,
                 target,
-                judge,
+                profile,
                 force=result.force,
                 disturbances=disturbances,
                 uncertainty=matching(known, request) if known else None,

@@ -62,7 +62,6 @@ def recording_of(targets: Sequence[Path], folder: Path) -> Path:
 
     Raises :class:`InputError` if a file of a run has changed, or a run is given twice.
     """
-    # Imported here because rerun is slow to load.
     from validation.show.rerun.record import write_recording, write_several
     from validation.store.saved import load_saved_run
 

@@ -6,17 +6,16 @@ record as soon as it ends, then signals and summary, last the pictures, which ca
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from ampm.exceptions import InputError
-from validation.judge.profiles import DEFAULT, Profile
+from validation.judge.profiles import Profile
 from validation.judge.uncertainty import Uncertainty
 from validation.progress import Progress, interruption
 from validation.run.trial import draw_run, write_inputs, write_results
 from validation.run.walk import walk_planned
-from validation.store.folders import check_run_folder, run_folder
+from validation.store.folders import check_run_folder, new_folder, run_folder
 from validation.store.record import save_record
 from validation.store.saved import read_summary
 from validation.trial.disturbances import Disturbance
@@ -24,14 +23,6 @@ from validation.trial.files import RunFile
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
 from validation.trial.record import SimulationRecord
-
-RUNS = Path("runs")
-"""Default folder of runs."""
-
-
-def new_folder(name: str) -> Path:
-    """Default folder of a result."""
-    return RUNS / f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}"
 
 
 def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> list[Path]:
@@ -56,7 +47,7 @@ def targets(requests: Sequence[Request], out: Path | None, *, force: bool) -> li
 def validate(
     request: Request,
     target: Path,
-    profile: Profile = DEFAULT,
+    profile: Profile | None = None,
     *,
     force: bool = False,
     uncertainty: Uncertainty | None = None,

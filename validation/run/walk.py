@@ -6,24 +6,22 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from ampm.body.orbit import solve_motion
 from ampm.compiled import folder
 from ampm.exceptions import InputError
 from ampm.parameters import RunParameters
 from ampm.planner.contacts import Footstep
 from ampm.planner.routes import read_footsteps
-from ampm.planner.support import plan_steps
 from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import DEFAULT, Profile, find_profile, own_profile, unpushed_profile
+from validation.judge.profiles import Profile, find_profile, own_profile, unpushed_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
 from validation.trial.bridge import passive_joints
 from validation.trial.disturbances import Disturbance, check_disturbances, describe
-from validation.trial.plan import PlannedWalk, clock, load_request, make_body, plan_walk
+from validation.trial.plan import PlannedWalk, clock, load_request, plan_walk
 from validation.trial.record import SimulationRecord
 from validation.trial.simulate import simulate
 from validation.trial.users import CONTROLLER
@@ -77,15 +75,14 @@ def walk(
     CONTROLLER.check_options(name_of_class, factory, chosen.controller.options)
     if controller is not None:
         chosen = chosen.replace({"controller.name": name_of_class})
-    profile = own_profile(chosen, disturbances)
     request = replace(request, name=str(name or request.name), run=chosen)
     planned = plan_walk(request, progress, planner=None if isinstance(planner, str | Path) else planner)
-    return walk_planned(planned, profile, controller=factory, disturbances=disturbances, progress=progress)
+    return walk_planned(planned, controller=factory, disturbances=disturbances, progress=progress)
 
 
 def walk_planned(
     planned: PlannedWalk,
-    profile: Profile | str = DEFAULT,
+    profile: Profile | str | None = None,
     *,
     controller: ControllerFactory | None = None,
     disturbances: Sequence[Disturbance] = (),
@@ -94,11 +91,11 @@ def walk_planned(
 ) -> Trial:
     """Walk a plan and judge the walk.
 
-    The controller is the one that the run names by default. ``keep`` is called with the record before it is
-    measured.
+    By default the profile is the walk's own, and the controller the one that the run names. ``keep`` is
+    called with the record before it is measured.
     """
     run, body, progress = planned.run, planned.body, progress or Progress()
-    profile = find_profile(profile)
+    profile = find_profile(profile or own_profile(run, disturbances))
     taken = {"planning": planned.seconds}
     with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
 
@@ -129,9 +126,6 @@ def compile_once() -> None:
     if mark.exists():
         return
     run = load_run("normal", gait={"steps": 1})
-    body = make_body(run)
-    plan = plan_steps(run.gait, run.body.mass, run.foot, body.model.description.sole)
-    solve_motion(plan, run, body.robot)
     push = {"disturbance.push_y": 40.0, "disturbance.push_at": 0.1}  # the walk leaves its plan
     for changes in ({}, {"controller.stabilizer": "stepping", **push}):
         walk(run.replace(changes))

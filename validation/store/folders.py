@@ -9,6 +9,7 @@ import errno
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from uuid import uuid4
 
@@ -21,6 +22,11 @@ def names_folder(text: str | Path) -> bool:
     """Whether a text names a folder of results, there or not; the name of a preset never does."""
     path = Path(text)
     return str(text) not in PRESETS and (path.is_dir() or (len(path.parts) > 1 and not path.suffix))
+
+
+def new_folder(name: str) -> Path:
+    """Default folder of a result."""
+    return Path("runs", f"{name}-{datetime.now():%Y%m%d-%H%M%S-%f}")
 
 
 def check_target(
