@@ -120,8 +120,8 @@ class BodyParameters(Section, section="body"):
     source: str = parameter(
         HUMAN, "the body: a name that 'ampm body list' shows, or its description (TOML)", min_length=1
     )
-    height: Real = parameter(1.70, "stature; another body has its own", "m", ge=0.2, le=3)
-    mass: Real = parameter(60.0, "total mass; another body has its own", "kg", ge=0.1, le=1000)
+    height: Real = parameter(1.70, "stature; another body has that of its model", "m", ge=0.2, le=3)
+    mass: Real = parameter(60.0, "total mass; another body has that of its model", "kg", ge=0.1, le=1000)
     lean: Open = parameter(0.0, "mean pitch of the trunk, forward positive", "rad", ge=-0.5, le=0.5)
     pelvis_list: Open = parameter(
         0.0, "most by which the hip of the swing leg drops at rest, in mid step", "rad", ge=-0.5, le=0.5

