@@ -26,9 +26,11 @@ from validation.trial.simulate import simulate
 _BENT = 0.6  # flexion of the knees at which the legs are judged [rad]
 _SINGULAR = 0.02  # of a leg's Jacobian: below it, the joints hardly move the sole in some direction
 _FEET = "lowest point of the feet over their soles"
+_UNLIKE = "largest distance of the right foot's extent from the left one's mirror image"
 _LEG = f"least singular value of a leg, knee bent by {_BENT} rad"
 _STANDING = 1.0  # time for which the body stands, long enough for a simulation to diverge [s]
 _OFF = 0.1  # most distance of the feet's lowest point from the soles, over the soles' length [1]
+_UNALIKE = 0.05  # most distance of the feet's extents, over the soles' length [1]
 _RUBBING = 0.05  # dry friction over a torque limit beyond which walks were seen to fail [1]
 _GAIT = ("step_length", "switching_velocity", "c_s", "c_y", "com_height", "step_width")
 
@@ -112,7 +114,7 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
         "length of a leg": (d.leg_length, "m"),
         "distance of the hips": (2.0 * d.hip_half_width, "m"),
         "length of a sole": (sole.length, "m"),
-        _FEET: (_feet_over_soles(model, robot, findings), "m"),
+        **_feet(model, robot, findings),
         "straight knee at": (d.left_leg.straight_knee, "rad"),
         _LEG: (float(np.linalg.svd(leg, compute_uv=False)[-1]), "1"),
         "asymmetry of the source: places": (findings.place, "m"),
@@ -121,30 +123,27 @@ def _facts(robot: Robot, model: mujoco.MjModel, findings: Findings) -> dict[str,
     }
 
 
-def _feet_over_soles(model: mujoco.MjModel, robot: Robot, findings: Findings) -> float:
-    """Height of the lowest point of the feet's shapes over the soles at rest [m]; NaN without such shapes."""
-    d, q = robot.description, pin.neutral(robot.model)
-    for joint, angle in d.rest:
-        q[robot.velocity_indices((joint,)) + 1] = angle
-    q[2] -= robot.jacobian(q).sole[:, 2].min()
-    data = mujoco.MjData(model)
-    data.qpos[:], _ = to_mujoco(q, np.zeros(robot.model.nv))
+def _feet(model: mujoco.MjModel, robot: Robot, findings: Findings) -> dict[str, tuple[float, str]]:
+    """What the feet's shapes show with all joints at 0; NaN without such shapes."""
+    d, data = robot.description, mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    points = {name for _, _, name in d.sole_points()}
-    feet = {model.body(name).id for leg in d.legs for name in (leg.foot_segment, leg.toe_segment) if name}
-    feet -= {number + 1 for number in findings.bare}  # the world is MuJoCo's first body
-    floor = model.geom("floor").id
-    gaps = [
-        mujoco.mj_geomDistance(model, data, floor, geom, d.height, None)
-        for geom in range(model.ngeom)
-        if model.geom_bodyid[geom] in feet and model.geom(geom).name not in points
-    ]
-    return float(min(gaps, default=np.nan) - min(data.geom(name).xpos[2] for name in points))
+    points = [model.geom(name).id for _, _, name in d.sole_points()]
+    bare = {number + 1 for number in findings.bare}  # the world is MuJoCo's first body
+    floor, gaps, extents = model.geom("floor").id, [np.nan], []
+    for leg, side in zip(d.legs, (1.0, -1.0), strict=True):
+        feet = {model.body(name).id for name in (leg.foot_segment, leg.toe_segment) if name} - bare
+        own = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in feet and geom not in points]
+        gaps += [mujoco.mj_geomDistance(model, data, floor, geom, d.height, None) for geom in own]
+        centre, radius = data.geom_xpos[own] * (1.0, side, 1.0), model.geom_rbound[own, None]
+        extents += [np.hstack([radius - centre, radius + centre]).max(axis=0)] if own else []
+    unlike = np.abs(extents[0] - extents[1]).max() if len(extents) == 2 else np.nan
+    over = np.fmin.reduce(gaps) - data.geom_xpos[points, 2].min()
+    return {_FEET: (float(over), "m"), _UNLIKE: (float(unlike), "m")}
 
 
 def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, str]]) -> list[str]:
     """What is worth knowing of the model."""
-    d, off = robot.description, facts[_FEET][0]
+    d, off, unlike = robot.description, facts[_FEET][0], facts[_UNLIKE][0]
     limits = {name: limit for name, limit in d.torque_limits if name in d.left_leg.joints}
     friction = max((p.friction / limits[p.joint] for p in d.passive if p.joint in limits), default=0.0)
     known = {
@@ -161,6 +160,7 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
+        "Feet differ in shape: the right sole mirrors the left one.": unlike > _UNALIKE * d.sole.length,
         findings.of_sides: findings.unlike,
     }
     return [note for note, holds in known.items() if holds]
