@@ -129,7 +129,7 @@ def cut_strides(log: Log, com_height: float | None, *, weighed: bool) -> tuple[S
         raise InputError(
             f"{log.name} has too few strides of equal duration and length: {len(chosen)}, and a fit needs "
             f"{_LEAST_STRIDES}; landings of the left foot in {np.ptp(log.time):.3g} s: "
-            f"{len(left)}; whole strides between them: {len(bounds)}{of}; give a longer log of steady "
+            f"{len(left)}; whole strides between them: {len(bounds)}{of}; give longer, steady "
             "walking without gaps, x forward, and belt_speed of a treadmill." + f" {log.unsupported}".rstrip()
         )
     arrays = {name: np.array([stride[name] for stride in chosen]) for name in chosen[0]}
