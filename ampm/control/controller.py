@@ -115,7 +115,7 @@ class TrackingController:
         if self._prepare(stepper, first):
             solution = self.contact_qp.solver.solve()
             status = SOLVED if solution.solved else UNSOLVED
-            if np.isfinite(solution.x).all():
+            if solution.solved or np.isfinite(solution.x).all():
                 forces = solution.x[: self.contact_qp.forces]
             else:  # infeasible: those of the last tick
                 forces = without_closed(work.body.points, work.contact.forces)

@@ -137,10 +137,11 @@ def scale_tasks(work: Workspace) -> None:
     """Scale to the QP's units: accelerations in g, and ``x = W_p^1/2 a / g`` by the posture weights W_p."""
     motion, tasks, gravity = work.motion, work.tasks, work.body.gravity
     tasks.posture[:] = motion.posture * (motion.sqrt_weight / gravity)
-    jacobian, by_row, by_column = work.body.rigid.columns, 1.0 / motion.sqrt_weight, tasks.scale
+    jacobian, columns = tasks.jacobian, work.body.rigid.columns
+    by_row, by_column = 1.0 / motion.sqrt_weight, tasks.scale
     for j in range(len(by_row)):
         for e in range(len(by_column)):
-            tasks.jacobian[j, e] = jacobian[j, e] * (by_column[e] * by_row[j])
+            jacobian[j, e] = columns[j, e] * (by_column[e] * by_row[j])
     tasks.rhs[:] = tasks.scale / gravity * (tasks.wanted - tasks.drift)
 
 
