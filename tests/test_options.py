@@ -77,8 +77,8 @@ def test_the_later_value_of_an_option_counts_wherever_it_stands(tmp_path):
     assert run.controller.options == {"gain": 3}
     assert run.replace({"controller.name": f"{SOFT},gain=4"}).controller.options == {"gain": 4}
     assert run.replace({"controller.options": {"mode": "x"}}).controller.options == {"mode": "x"}
-    asked = (("normal", f"controller.name={SOFT},gain=3"), (None, "body.source=g1"))
-    titles = [f"normal, controller.name {SOFT}, controller.options.gain 3", "g1"]
+    asked = (("normal", f"controller.name={SOFT},gain=3"), (None, "body.source=suite-humanoid"))
+    titles = [f"normal, controller.name {SOFT}, controller.options.gain 3", "suite-humanoid"]
     assert [load_request(gait, [setting]).title for gait, setting in asked] == titles
 
 
