@@ -37,36 +37,14 @@ HURRY, FASTEST = 5.0, 0.3
 @compiled
 def follow_floor(work: Workspace) -> None:
     """Raise feet and COM of the reference by the floor's height over the plan's, and tilt the soles."""
-    feet, wanted, tick = work.body.feet, work.wanted, 1.0 / work.gains.frequency
-    for i in range(len(feet)):
-        foot, other, lines = feet[i], feet[1 - i], work.contact.lines
-        stands = lines[i].touched.any()
-        if stands:
+    lines, tick = work.contact.lines, 1.0 / work.gains.frequency
+    for i in range(len(work.body.feet)):
+        if lines[i].touched.any():
             _measure_floor(work, i, tick)
         elif lines[1 - i].touched.any():
-            step = other.footprint - foot.footprint
-            told = other.slope[0] * step[0] + other.slope[1] * step[1]
-            share = slope_share(told, step[2]) if abs(told) > RISE else 1.0
-            reach, foot.floor_rise = wanted.foot_position[i] - wanted.foot_position[1 - i], other.floor_rise
-            for axis in range(2):
-                slope = share * _beyond(other.slope[axis], FLAT_SLOPE)
-                foot.floor_rise += slope * reach[axis]
-                foot.tilt[axis] += RATE * tick * (slope - foot.tilt[axis])
-            if foot.floor_rise != other.floor_rise:  # on a slope, heights count whole
-                foot.floor_rise += other.footprint[2] - other.floor_rise
-        planned = lines[i, HEEL].planned or lines[i, BALL].planned
-        foot.late = foot.late + tick if planned and not stands else 0.0
-        foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
-        acceleration = RATE * (RATE * (foot.floor_rise - foot.raised) - 2.0 * foot.raised_rate)
-        foot.raised_rate += tick * acceleration
-        foot.raised += tick * foot.raised_rate
-        if foot.tilt.any():  # never on a level floor
-            tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
-        load = wanted.right_load[0] if i == 1 else 1.0 - wanted.right_load[0]
-        wanted.foot_position[i, 2] += foot.raised
-        wanted.foot_velocity[i, 2] += foot.raised_rate
-        wanted.com[2] += load * foot.raised
-        wanted.com_velocity[2] += load * foot.raised_rate
+            _expect_floor(work, i, tick)
+        _hurry(work, i, tick)
+        _raise(work, i, tick)
 
 
 @compiled
@@ -84,6 +62,47 @@ def _measure_floor(work: Workspace, i: int, tick: float) -> None:
         for axis in range(2):
             slope = planned[axis, 2] / planned[2, 2] - foot.rotation[axis, 2] / foot.rotation[2, 2]
             foot.slope[axis] += SLOPE_RATE * tick * (slope - foot.slope[axis])
+
+
+@compiled
+def _expect_floor(work: Workspace, i: int, tick: float) -> None:
+    """Update height and slope of the floor where a foot is to land, from what the other foot measured."""
+    foot, other, planned = work.body.feet[i], work.body.feet[1 - i], work.wanted.foot_position
+    step = other.footprint - foot.footprint
+    told = other.slope[0] * step[0] + other.slope[1] * step[1]
+    share = slope_share(told, step[2]) if abs(told) > RISE else 1.0
+    reach, foot.floor_rise = planned[i] - planned[1 - i], other.floor_rise
+    for axis in range(2):
+        slope = share * _beyond(other.slope[axis], FLAT_SLOPE)
+        foot.floor_rise += slope * reach[axis]
+        foot.tilt[axis] += RATE * tick * (slope - foot.tilt[axis])
+    if foot.floor_rise != other.floor_rise:  # on a slope, heights count whole
+        foot.floor_rise += other.footprint[2] - other.floor_rise
+
+
+@compiled
+def _hurry(work: Workspace, i: int, tick: float) -> None:
+    """Let a foot that is late go down faster."""
+    foot, lines = work.body.feet[i], work.contact.lines[i]
+    planned = lines[HEEL].planned or lines[BALL].planned
+    foot.late = foot.late + tick if planned and not lines.touched.any() else 0.0
+    foot.hurry = min(HURRY * max(foot.late - PATIENCE, 0.0), FASTEST)
+
+
+@compiled
+def _raise(work: Workspace, i: int, tick: float) -> None:
+    """Raise and tilt the reference of a foot, and raise the COM's by the load that the foot bears."""
+    foot, wanted = work.body.feet[i], work.wanted
+    acceleration = RATE * (RATE * (foot.floor_rise - foot.raised) - 2.0 * foot.raised_rate)
+    foot.raised_rate += tick * acceleration
+    foot.raised += tick * foot.raised_rate
+    if foot.tilt.any():  # never on a level floor
+        tilt_sole(wanted.foot_rotation[i], foot.tilt[0], foot.tilt[1])
+    load = wanted.right_load[0] if i == 1 else 1.0 - wanted.right_load[0]
+    wanted.foot_position[i, 2] += foot.raised
+    wanted.foot_velocity[i, 2] += foot.raised_rate
+    wanted.com[2] += load * foot.raised
+    wanted.com_velocity[2] += load * foot.raised_rate
 
 
 @compiled

@@ -10,6 +10,7 @@ DCM grows are given as ``tau``, omega times the time.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ampm.compiled import compiled
 from ampm.control.sole import places_of, turned_axes
 from ampm.control.workspace import Stepper, SteppingState, Workspace
 from ampm.geometry import Array
-from ampm.vectors import Vector, clip
+from ampm.vectors import Vector, along_across, clip
 
 FORWARD, BACKWARD, WIDER = 0.28, 0.8, 0.40
 """A step may be displaced this far [m]. All lengths and times here hold for a body of 1.70 m: lengths grow
@@ -50,9 +51,17 @@ _NODES, _WEIGHTS = (
 """Gauss's nodes and weights on 0 ... 1."""
 
 
+class StepChoice(NamedTuple):
+    """Place and time of the next step."""
+
+    candidate: int  # number in :data:`TIMES`; -1: the step returns to the plan
+    stretch: float  # duration of the rest of the single support over the planned one [1]
+    step: tuple[float, float]  # displacement from the standing foot's shift, in world [m]
+
+
 @compiled
-def plan_step(work: Workspace, stepper: Stepper) -> bool:
-    """Choose place and time of the next step, and whether they differ from the plan.
+def choose_step(work: Workspace, stepper: Stepper) -> StepChoice:
+    """Choose place and time of the next step.
 
     For each time of the rest of the single support the displacement follows in closed form. As long as it is
     easy, steps return to the places and times of the plan; else a cost weighs displacement, time and limits.
@@ -60,7 +69,7 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
 
     Args:
         work: of this tick, with the plan's reference. Of the state ``length`` and ``width`` are those of the
-            planned step; ``step``, ``factor`` and ``choice`` are replaced.
+            planned step, ``choice`` the candidate of the last tick.
         stepper: with the phase.
     """
     state: SteppingState = work.stepping[0]
@@ -73,8 +82,8 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
         sole[0, axis], sole[1, axis] = places[:, axis].min(), places[:, axis].max()
     dcm = expected_dcm(work, stepper.omega)
     shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
-    least_cost, last_choice = math.inf, state.choice
-    for k in range(-1, len(TIMES) if state.off_plan else 0):  # -1 returns to the plan
+    least_cost, best = math.inf, StepChoice(-1, 1.0, (0.0, 0.0))
+    for k in range(-1, len(TIMES) if state.off_plan else 0):
         if k < 0:
             factor = clip(1.0 - state.delay / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP)
             back = np.clip(-RETURN * shift, -most, most)
@@ -87,11 +96,10 @@ def plan_step(work: Workspace, stepper: Stepper) -> bool:
         step = allowed_step(work, stepper, sole, needed)
         cost = max(abs(step[0]) - size * EASY_LENGTH, 0.0) + max(abs(step[1]) - size * EASY_WIDTH, 0.0)
         cost += LIMIT_COST * (abs(needed[0] - step[0]) + abs(needed[1] - step[1]))
-        cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == last_choice else 0.0))
+        cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
         if cost < least_cost:
-            least_cost, state.stretch, state.choice = cost, factor, k
-            state.step[:] = turned_axes(step, cos, -sin)
-    return bool(state.step.any())
+            least_cost, best = cost, StepChoice(k, factor, along_across(step[0], step[1], cos, -sin))
+    return best
 
 
 @compiled

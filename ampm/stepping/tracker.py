@@ -1,7 +1,7 @@
 """A walk's plan as the stabiliser that steps follows it, phase by phase.
 
-On the plan nothing changes. Where the walk must leave it (:func:`ampm.stepping.walker.must_leave`), the plan
-is read by its own clock from the next tick on, which may be late or early, and moves with the feet
+On the plan nothing changes. Where the walk must leave it (:func:`ampm.stepping.walker.update_reference`), the
+plan is read by its own clock from the next tick on, which may be late or early, and moves with the feet
 (:mod:`ampm.stepping.phases`); the swing foot goes to where the next step must be
 (:mod:`ampm.stepping.step_choice`).
 """
