@@ -79,7 +79,7 @@ class Mine(Kalman):
         self.made.append(self)
 
     def begin(self, start):
-        self.found = self.filter.x[self.filter.imu :].copy()  # before the walk
+        self.found = self.filter.x[self.filter.layout.imu :].copy()  # before the walk
         super().begin(start)
 
 
@@ -131,11 +131,11 @@ def relative(**sensors):
 def test_a_resting_point_slides_the_more_the_less_it_bears():
     robot, run = walk_of().robot, load_run("normal", sensors={"estimator": "kalman"})
     f = Kalman(robot, run, State(0.0, pin.neutral(robot.model), np.zeros(robot.nv), 0.0)).filter
-    f.loaded[:], f.force[:] = True, f.weight * np.tile([0.01, 0.03, 0.05, 0.1, 0.25, 0.5], 2)
-    rows = slice(POINTS, POINTS + 3 * len(f.points))
+    f.loaded[:], f.read.force[:] = True, f.known.weight * np.tile([0.01, 0.03, 0.05, 0.1, 0.25, 0.5], 2)
+    rows = slice(POINTS, POINTS + 3 * len(f.known.points))
     before = np.diag(f.covariance)[rows].copy()
     predict(f, 0.0, 0.002)
-    growth = ((np.diag(f.covariance)[rows] - before) / f.growth[rows]).reshape(-1, 3)
+    growth = ((np.diag(f.covariance)[rows] - before) / f.known.growth[rows]).reshape(-1, 3)
     expected = np.tile([[70.0], [70.0], [25.0], [6.25], [1.0], [1.0]], (2, 2))
     np.testing.assert_allclose(growth[:, :2], expected, rtol=0.01)
     np.testing.assert_allclose(growth[:, 2], 1.0, rtol=1e-3)
@@ -264,7 +264,7 @@ def test_angles_and_biases_of_the_imu_are_found_and_cost_nothing():
     trial = walked(estimator="tests.test_sensors:Mine", **sensors)
     assert trial.verdict.passed, trial.verdict.reason
     f = Mine.made[-1].filter
-    np.testing.assert_allclose(np.abs(f.x[f.imu : f.imu + 2]), 0.01, atol=2e-3)
+    np.testing.assert_allclose(np.abs(f.x[f.layout.imu : f.layout.imu + 2]), 0.01, atol=2e-3)
     assert np.abs(np.abs(f.x[GYRO:ACCELEROMETER][:2]) - 1e-3).max() < 0.7e-3
 
 

@@ -9,7 +9,7 @@ from ampm.compiled import bound, records, refer, zeros_of
 from ampm.geometry import Array
 from ampm.parameters import RunParameters
 from ampm.sensor_parameters import WRENCH
-from ampm.sensors.filters import LEVER_ERROR, POINTS, Filter, turn_root, update
+from ampm.sensors.filters import LEVER_ERROR, POINTS, Filter, Known, Layout, Read, turn_root, update
 from ampm.sensors.readings import Readings
 from ampm.sensors.soles import soles_of
 from ampm.vectors import ZERO
@@ -48,61 +48,45 @@ class Kalman:
     """
 
     def __init__(self, robot: Robot, run: RunParameters, start: State) -> None:
-        sensors, nu, points = run.sensors, robot.nu, len(robot.point_frames)
+        sensors, points = run.sensors, len(robot.point_frames)
         oldest = sensors.delay + (1.0 / sensors.rate if sensors.rate else 0.0)
         ticks = 2 + int(oldest * run.controller.frequency + 1.0)
-        read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
-        variance = np.maximum(read, _LEAST) ** 2
-        variance[3] *= _FIX_FACTOR**2
         worn, moves = _hinges(robot, sensors.angle_bias > 0.0)
         imu = np.full(3 if sensors.imu_angle_bias else 0, sensors.imu_angle_bias)
         constant = np.append(np.full(len(worn), sensors.angle_bias), imu)
-        wrenches, weight = sensors.force_sensor == WRENCH, robot.mass * robot.gravity
-        spin = np.full(3 if wrenches and len(worn) else 0, weight)
+        wrenches = sensors.force_sensor == WRENCH
+        spin = np.full(3 if wrenches and len(worn) else 0, robot.mass * robot.gravity)
         biases = np.repeat([0.0, 0.0, 0.0, sensors.gyro_bias, sensors.accelerometer_bias], 3)
         start_errors = np.concatenate([np.maximum(_START, biases), np.ones(3 * points), constant, spin])
         walk = np.concatenate([_WALK, np.tile(_CREEP, points), np.zeros(len(constant)), LEVER_ERROR * spin])
-        growth = walk**2 / run.controller.frequency
-        drift = np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3)
-        growth[9:15] += drift**2 / run.controller.frequency
-        felt = _ACCELERATION_ERROR**2 + sensors.accelerometer_noise**2
-        growth[3:6] = felt / run.controller.frequency**2
-        growth[6:9] = variance[2] / run.controller.frequency**2
-        commanded = robot.by_group(_ERRORS)
-        commanded[robot.toe_joints] = _TOE_ERROR
-        self.filter = f = zeros_of(
-            Filter,
-            {"nu": nu, "P": points, "X": len(growth)},
-            q=np.array(start.q),
-            armature=robot.rigid_body.armature,
-            covariance=np.diag(start_errors**2),
+        size = len(walk)
+        layout = Layout(
             worn=worn,
             moves=moves,
             offsets=POINTS + 3 * points,
-            imu=len(growth) - len(spin) - 3 if len(imu) else 0,
-            momentum=len(growth) - 3 if len(spin) else 0,
+            imu=size - len(spin) - 3 if len(imu) else 0,
+            momentum=size - 3 if len(spin) else 0,
+        )
+        sizes = {"nu": robot.nu, "P": points, "X": size}
+        self.filter = f = zeros_of(
+            Filter,
+            sizes,
+            q=np.array(start.q),
+            covariance=np.diag(start_errors**2),
             touched=np.ones(points, dtype=bool),
             link=records(robot.model.njoints - 1, Link),
             soles=soles_of(robot, run),
             commanded=np.zeros((ticks, robot.nv)),
             begin=np.full(ticks + 1, start.time),
-            tree=tree_of(robot.model),
-            points=frames_of(robot.model, robot.point_frames),
-            wrenches=wrenches,
-            joint_error=commanded[6:],
-            variance=variance,
-            growth=growth,
-            levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),
-            slope=np.array(run.gait.slopes),
-            weight=weight,
-            gravity=robot.gravity,
-            lag=start.velocity_lag,
+            read=zeros_of(Read, sizes),
+            layout=layout,
+            known=_known(robot, run, walk, start.velocity_lag),
         )
         self._q, self._v, self._none = np.array(start.q), np.array(start.v), np.zeros(robot.nv)
         handle = refer(f)
         self._update = bound(update, (handle,), self._none, 0.0, 0.0, True, self._q, self._v)
         self._turn_root = bound(turn_root, (handle,), ZERO)
-        self._constant = np.r_[9:15, POINTS + 3 * points : len(growth) - len(spin)]
+        self._constant = np.r_[9:15, layout.offsets : size - len(spin)]
         self._start = start_errors**2
         self._threshold = sensors.contact_threshold
         self._hinge = max(1e-8, sensors.angle_bias**2), 0.0, 1e-4
@@ -120,7 +104,7 @@ class Kalman:
         kept[found] = f.covariance[found]
         f.covariance[:] = kept
         f.loaded[:], f.touched[:] = False, True
-        f.commanded[:], f.begin[:], f.read[0] = 0.0, start.time, start.time
+        f.commanded[:], f.begin[:], f.read.time[0] = 0.0, start.time, start.time
 
     def update(self, readings: Readings, commanded: Array | None) -> tuple[State, Touch]:
         """See :class:`~ampm.sensors.readings.Estimator`."""
@@ -128,17 +112,46 @@ class Kalman:
         if commanded is None:
             commanded = self._none
             if now > f.begin[-1]:
-                f.joint_error[:] = _NOT_COMMANDED
-        f.angles[:], f.rates[:], f.gyro[:] = readings.angles, readings.rates, readings.gyro
-        f.accelerometer[:] = readings.accelerometer
-        f.force[:], f.contact[:] = readings.force, readings.contact
+                f.known.joint_error[:] = _NOT_COMMANDED
+        read = f.read
+        read.angles[:], read.rates[:], read.gyro[:] = readings.angles, readings.rates, readings.gyro
+        read.accelerometer[:] = readings.accelerometer
+        read.force[:], read.contact[:] = readings.force, readings.contact
         if readings.wrench is not None:
             f.soles.wrench[:] = readings.wrench
         if fix is not None:
-            f.position[:] = fix
+            read.position[:] = fix
         self._update(commanded, now, age, fix is not None, self._q, self._v)
-        touch = Touch(f.contact.copy(), f.force.copy(), 2.0 * f.lag + age, self._threshold)
-        return State(now, self._q.copy(), self._v.copy(), f.lag), touch  # which a user's class may keep
+        touch = Touch(read.contact.copy(), read.force.copy(), 2.0 * f.known.lag + age, self._threshold)
+        return State(now, self._q.copy(), self._v.copy(), f.known.lag), touch  # which a user's class may keep
+
+
+def _known(robot: Robot, run: RunParameters, walk: Array, lag: float) -> Known:
+    """What is known of body, floor and sensors; ``walk`` is the random walk of x in a second."""
+    sensors, frequency = run.sensors, run.controller.frequency
+    read = sensors.angle_noise, sensors.rate_noise, sensors.gyro_noise, sensors.fix_noise
+    variance = np.maximum(read, _LEAST) ** 2
+    variance[3] *= _FIX_FACTOR**2
+    growth = walk**2 / frequency
+    growth[9:15] += np.repeat([sensors.gyro_drift, sensors.accelerometer_drift], 3) ** 2 / frequency
+    growth[3:6] = (_ACCELERATION_ERROR**2 + sensors.accelerometer_noise**2) / frequency**2
+    growth[6:9] = variance[2] / frequency**2
+    commanded = robot.by_group(_ERRORS)
+    commanded[robot.toe_joints] = _TOE_ERROR
+    return Known(
+        tree=tree_of(robot.model),
+        armature=robot.rigid_body.armature,
+        points=frames_of(robot.model, robot.point_frames),
+        weight=robot.mass * robot.gravity,
+        gravity=robot.gravity,
+        levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),
+        slope=np.array(run.gait.slopes),
+        wrenches=sensors.force_sensor == WRENCH,
+        joint_error=commanded[6:],
+        variance=variance,
+        growth=growth,
+        lag=lag,
+    )
 
 
 def _hinges(robot: Robot, worn: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
