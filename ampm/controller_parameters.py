@@ -37,7 +37,7 @@ class ControllerParameters(Section, section="controller"):
         3.0, "slow feedback from trunk tilt to the commanded angular momentum", "N m s/rad", ge=0, le=1e3
     )
     trunk_integral: Real = parameter(
-        0.33, "rate at which the trunk's mean tilt is added to it, for a constant posture", "1/s", ge=0, le=10
+        0.33, "gain on the integral of the trunk's mean tilt, for a constant posture", "1/s", ge=0, le=10
     )
     posture_stiffness: Real = _stiffness(900.0, "feedback from posture to its acceleration")
     posture_damping: Real = _damping(60.0, "feedback from posture rate to its acceleration")
@@ -45,7 +45,7 @@ class ControllerParameters(Section, section="controller"):
     swing_damping: Open = _damping(40.0, "feedback from the swing foot's velocity to its acceleration")
     stance_damping: Real = _damping(50.0, "feedback from the stance foot's velocity to its acceleration")
     stance_yield: Real = parameter(
-        0.3, "share of its vertical, roll and pitch acceleration that a stance foot is left with", ge=0, le=1
+        0.3, "share by which a stance foot's vertical, roll and pitch acceleration may yield", ge=0, le=1
     )
     roll_stiffness: Real = _stiffness(1500.0, "feedback from the pose of a rolling foot to its rotation")
     roll_damping: Real = _damping(80.0, "feedback from the rate of a rolling foot to its rotation")
@@ -54,19 +54,19 @@ class ControllerParameters(Section, section="controller"):
         0.04, "time in which a point's force limit opens at touch-down, closes at lift-off", "s", gt=0, le=1
     )
     force_smoothing: Real = parameter(
-        0.015, "time in which the forces of the sole's points adapt to another sharing", "s", ge=0, le=1
+        0.015, "time in which the forces of the sole's points adapt to another distribution", "s", ge=0, le=1
     )
     landing_share: Real = parameter(
-        0.6, "share of a landing foot's sensed force that the QP takes as given", ge=0, le=1
+        0.6, "share of a landing foot's sensed force that is its least force in the QP", ge=0, le=1
     )
     landing_force: Real = parameter(
         0.006, "least force of a sole point that lands, as share of the weight", ge=0, le=0.1
     )
     landing_compensation: Real = parameter(
-        0.3, "share of what a landing foot fails to carry that the other foot makes up for", ge=0, le=1
+        0.3, "share of a landing foot's force error that the other foot compensates", ge=0, le=1
     )
     landing_yield: Real = parameter(
-        0.5, "share of its own vertical acceleration that a landing foot is left with", ge=0, le=1
+        0.5, "share by which a landing foot's vertical acceleration may yield to the floor", ge=0, le=1
     )
     touchdown_lead: Real = parameter(
         0.0, "time before its planned contact from which a foot is let down", "s", ge=0, le=0.2
@@ -75,7 +75,7 @@ class ControllerParameters(Section, section="controller"):
         0.04, "time before its planned contact from which a touch counts as contact", "s", ge=0, le=0.5
     )
     sink_compensation: Real = parameter(
-        0.55, "share of a landed heel's sinking by which the ball is held up as it comes down", ge=0, le=1
+        0.55, "share of a landed heel's sinking by which the ball is raised as it comes down", ge=0, le=1
     )
     touchdown_velocity: Real = parameter(0.05, "speed of a late foot towards the floor", "m/s", ge=0, le=2)
     touchdown_rate: Real = parameter(1.0, "rate of a late sole's turn to the floor", "rad/s", ge=0, le=20)

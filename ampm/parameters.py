@@ -81,10 +81,10 @@ class GaitParameters(Section, section="gait"):
     c_y: Real = parameter(1.0, "slope of the force line in the frontal plane; 1 goes through the COM", le=100)
     step_width: Open = parameter(0.18, "lateral distance of the feet (2 (s + beta))", "m", gt=0, le=100)
     slope: Real = parameter(
-        0.0, "rise of the floor over the way along x; the soles are planned on it", "1", ge=-0.15, le=0.15
+        0.0, "rise of the floor per distance along x; the soles are planned on it", "1", ge=-0.15, le=0.15
     )
     cross_slope: Real = parameter(
-        0.0, "rise of the floor over the way to the left, along y", "1", ge=-0.15, le=0.15
+        0.0, "rise of the floor per distance to the left, along y", "1", ge=-0.15, le=0.15
     )
     steps: Whole = parameter(30, "number of steps", ge=1, le=10_000)
 
@@ -124,11 +124,11 @@ class BodyParameters(Section, section="body"):
     mass: Real = parameter(60.0, "total mass; another body has that of its model", "kg", ge=0.1, le=1000)
     lean: Open = parameter(0.0, "mean pitch of the trunk, forward positive", "rad", ge=-0.5, le=0.5)
     pelvis_list: Open = parameter(
-        0.0, "most by which the hip of the swing leg drops at rest, in mid step", "rad", ge=-0.5, le=0.5
+        0.0, "largest drop of the swing leg's hip in the posture at rest, in mid step", "rad", ge=-0.5, le=0.5
     )
     pelvis_rotation: Open = parameter(
         0.0,
-        "most by which the pelvis turns the hip of the front leg forward at rest, when a foot lifts",
+        "largest turn of the front leg's hip forward in the posture at rest, when a foot lifts",
         "rad",
         ge=-0.5,
         le=0.5,

@@ -82,8 +82,8 @@ class DisturbanceParameters(Section, section="disturbance"):
     slope_across: Real = parameter(
         0.0, "slope of the floor across the walk after footstep 2; positive: left up", "rad", ge=-0.3, le=0.3
     )
-    friction_factor: Real = parameter(1.0, "friction of the floor over contact.friction", gt=0, le=100)
-    softness_factor: Real = parameter(1.0, "contacts' time constant over contact.time_constant", ge=1, le=100)
+    friction_factor: Real = parameter(1.0, "floor's friction divided by contact.friction", gt=0, le=100)
+    softness_factor: Real = parameter(1.0, "time constant divided by contact.time_constant", ge=1, le=100)
     mass_segment: str = parameter(
         "all", "segments of mass_change, separated by commas, or all; chest: the trunk", min_length=1
     )

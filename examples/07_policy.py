@@ -1,4 +1,4 @@
-"""Train a policy of twelve numbers on the G1 without any plan, and try it at a velocity. Takes 80 s.
+"""Train a policy of twelve numbers on the G1 without any plan, and try it at a velocity. Takes half a minute.
 
 Afterwards the trial from the command line, in this folder:
 

@@ -9,10 +9,10 @@ PRESETS: Mapping[str, str] = {
     "roll-0.1": "the normal gait with c_y 0.1: large angular momentum about the forward axis (Fig. 11)",
     "roll-0.4": "the same with c_y 0.4, and feet let down 4 ms early",
     "roll-0.7": "the same with c_y 0.7",
-    "roll-1.0": "the same with c_y 1: none",
+    "roll-1.0": "the same with c_y 1: no angular momentum about the forward axis",
     "pitch": "0.65 m steps with c_s 1.6: large angular momentum about the lateral axis (Fig. 12)",
-    "pitch-low": "0.7 m steps with c_s 0.33: the same with the opposite sign",
-    "ipm": "the plain inverted pendulum, whose acceleration jumps at every switch, as the normal gait",
+    "pitch-low": "0.7 m steps with c_s 0.33: large angular momentum of the opposite sign",
+    "ipm": "the normal gait of the plain inverted pendulum, whose acceleration jumps at every switch",
 }
 """Presets and what they are; each is ``ampm/presets/<name>.toml``."""
 

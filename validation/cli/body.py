@@ -73,7 +73,7 @@ def check(
     facts = [(name, format_number(n), short_unit(unit)) for name, (n, unit) in found.facts.items()]
     tables = [Table(f"body {found.name}", ("quantity", ">value", "unit"), facts, found.notes)]
     if found.torque:
-        title = "largest torque over its limit, in the best periodic step found"
+        title = "largest torque as a share of its limit, in the best periodic step found"
         shares = [(name.replace("arms", "arms, head"), f"{n:.2f}") for name, n in found.torque.items()]
         tables.append(Table(title, ("joints", ">share"), shares))
     print_tables(tables)

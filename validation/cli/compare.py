@@ -40,8 +40,8 @@ def compare(
     walks: list[str] | None = typer.Argument(
         None,
         help="Presets, TOML files, folders of runs (./normal is a folder, normal the preset), or two sweeps; "
-        "normal if none. One alone is compared with itself where an option comes repeatedly, with the same "
-        "without its --planner, --controller and --engine, or else with ipm.",
+        "normal if none. One gait alone is walked once for each value of a repeated option; with one "
+        "--planner, --controller or --engine it is compared with its walk without them, else with ipm.",
         metavar="WALK",
     ),
     *,
@@ -54,9 +54,9 @@ def compare(
     """Compare gaits, finished runs, or two sweeps.
 
     Gaits are walked, sweeps compared run by run. The first line is the conclusion: who tracks the ZMP best,
-    at which cost, and how near to the limits. Behind a comma a planner or controller has its own options:
-    --planner "mine:Planner,gain=2". Of two sweeps the first is the reference: runs are matched by their
-    parameters, and the exit status tells a regression.
+    at which cost, and how near to the limits. Options of a planner or controller follow its name after a
+    comma: --planner "mine:Planner,gain=2". Of two sweeps the first is the reference: runs are matched by
+    their parameters, and the exit status tells a regression.
     """
     from validation.study.compare.comparison import WalkComparison, compare_gaits, compare_runs
     from validation.study.compare.report import write_comparison

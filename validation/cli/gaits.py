@@ -217,11 +217,11 @@ def keys(
 ) -> int:
     """List parameters: all, a section's, or those with a word.
 
-    A WORD that names a section keeps the keys of this section. Any other WORD, and planner, keeps the keys
+    A WORD that names a section lists the keys of this section. Any other WORD, and planner, lists the keys
     that have it in their name or meaning. Several words narrow the list: 'ampm keys controller swing'.
 
-    Every key is shown with its value in a gait, unit, bounds and meaning, and its default where the value is
-    another one. Each can be given as --set KEY=VALUE or in a gait's TOML file; a sweep varies most.
+    Every key is shown with its value in a gait, unit, bounds and meaning, and with its default if that
+    differs. Each can be given as --set KEY=VALUE or in a gait's TOML file; a sweep varies most.
     """
     from ampm.run_file import find_keys
     from validation.trial.plan import load_request

@@ -139,15 +139,15 @@ def robustness(
     walk: options.WalkOptions,
     quick: bool = option("--quick", "Fewer pushes and coarser grids: a quarter of an hour on two cores."),
     only: list[str] | None = option(
-        "--only", "Study only this, such as pushes or torque_bias; a wrong one lists all. Repeatable.", "KIND"
+        "--only", "Study only these kinds, such as pushes; an unknown one lists all. Repeatable.", "KIND"
     ),
     replicas: int = option("--replicas", "Walks of each value; four fifths have to survive.", "N", default=5),
     execution: options.Running,
 ) -> int:
     """Find the pushes and disturbances that a gait survives.
 
-    Pushes of 0.1 s grow for each direction, phase and height, and so do values of the keys of disturbance and
-    sensors. The result is the largest value up to which all are survived.
+    Pushes of 0.1 s grow for each direction, phase and height, and so do values of keys of disturbance and
+    sensors. The result is the largest value that is survived, as are all smaller ones.
     """
     from validation.study.robustness.study import robustness as study
 
