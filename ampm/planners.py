@@ -41,7 +41,7 @@ class PeriodicPlanner:
     Args:
         name: makes COM and feet, see :data:`ampm.planner.step_planners.STEP_PLANNERS`.
 
-    Raises :class:`InputError` of another name.
+    Raises :class:`InputError` for another name.
     """
 
     tunes = True
@@ -204,8 +204,8 @@ def _next_walk(after: WalkPlan, plan: CentroidalPlan, run: RunParameters, robot:
 class TablePlanner:
     """COM and ZMP of a table on its footsteps, see :mod:`ampm.planner.table`, by :func:`make_plan`.
 
-    A table that begins with a double support is walked from standing to standing, as over footsteps. From
-    200 rows a second on, the walk is that of the plan that wrote the table, within 5 % of the errors.
+    A table that begins with a double support is walked from standing to standing, as over footsteps. With
+    at least 200 rows a second, errors are within 5 % of those of the plan that wrote the table.
 
     Args:
         table: columns by name, shape (N,) each.

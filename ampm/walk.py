@@ -113,7 +113,7 @@ class WalkPlan(StepPlan):
 
     Attributes:
         posture: motion of the rest of the body.
-        command: velocity that the walk is asked for, where the plan only stands and is not to be followed.
+        command: commanded velocity of a walk without a plan; the plan then only stands.
     """
 
     posture: Posture
@@ -121,7 +121,7 @@ class WalkPlan(StepPlan):
 
     @property
     def judged_from(self) -> float:
-        """Begin of what a trial judges [s]: without the first step of a walk that does not begin at rest."""
+        """Begin of what a trial judges [s]; the first step is left out if the walk does not begin at rest."""
         return 0.0 if self.contacts.phases[0].stance == "both" else float(self.contacts.step_ends[0])
 
     def table(self, times: ArrayLike, timing: Timing = Timing()) -> Reference:
@@ -150,9 +150,9 @@ class WalkPlan(StepPlan):
 
 
 class Planner(Protocol):
-    """Makes the plan of a walk; any class with this method is one. One that goes on: :class:`Replanner`.
+    """Makes the plan of a walk; any class with this method is one. A :class:`Replanner` plans on.
 
-    A class may state what follows; a class made from it states it anew.
+    A class may have these attributes; a subclass does not inherit them.
 
     Attributes:
         tunes: True if values that the run leaves open are found before ``plan`` is called; else the run
@@ -193,8 +193,8 @@ class Replanner(Planner, Protocol):
             plan: that is valid now. What :meth:`plan` and earlier calls return is never changed.
 
         Returns:
-            A plan on the same clock, which covers ``time`` and what comes after it. Of a run with footsteps
-            it has no fewer steps, and steps on each to 0.2 m.
+            A plan on the same clock, which covers ``time`` and what comes after it. With footsteps in the
+            run it has at least as many steps, each within 0.2 m of its footstep.
         """
 
 

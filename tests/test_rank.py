@@ -113,7 +113,7 @@ UNSOUND, OTHER = {"failed": "zmp_x_rmse,zmp_agreement_rmse"}, {"plan_note": "It 
         ("normal", "dcm", 3, REFUSED, 5, 8, "3 refused: engine."),  # by one planner alone
         ("normal flat", "dcm", 16, {"verdict": "not_measured"}, 8, 8, "8 not measured: "),
         ("normal flat", "dcm", 16, UNSOUND, 0, 0, "8 fail a check of the measurement and do not count"),
-        ("normal flat", "dcm", 16, OTHER, 0, 0, "8 of other steps than the task's do not count: It is 0 m."),
+        ("normal flat", "dcm", 16, OTHER, 0, 0, "8 with steps unlike the task's do not count: It is 0 m."),
     ],
 )
 def test_which_walks_count_and_which_survived(tasks, planner, walks, what, survived, runs, note):

@@ -48,7 +48,7 @@ def plan_footsteps(
 
     Args:
         footsteps: where both feet stand at first, from 0 s, then where each lands; left and right in turn,
-            the foot that swings first at the head. At least three.
+            the foot that swings first is in the first row. At least three.
         gait: see above; its step length and steps count only for the durations.
         body: its mass, soles and lengths.
         first: number of the first footstep, for errors.
@@ -292,7 +292,7 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
         number = int(turns.argmax())
         raise InputError(
             f"footstep {number + first} has a heading of {heading[number]:g} rad, over two turns from "
-            "that before it, or from 0; give headings in radians."
+            "the one before, or from 0; give headings in radians."
         )
     axes = rotations(mean_heading(heading[:-1], heading[1:]))
     side = np.array([1.0 if step.foot == "left" else -1.0 for step in footsteps[1:]])
@@ -301,7 +301,7 @@ def refuse_crossing(footsteps: Sequence[Footstep], sole: SoleGeometry, first: in
     if not apart[worst] >= least:
         raise BodilyRefusal(
             f"footsteps {worst + first} and {worst + 1 + first}: the {footsteps[worst + 1].foot} foot is "
-            f"{apart[worst]:.3g} m aside of the other one, less than two soles take, {least:.3g} m",
+            f"{apart[worst]:.3g} m to its own side of the other, less than the {least:.3g} m of two soles",
             reason="feet_too_close",
             value=float(apart[worst]),
             limit=least,

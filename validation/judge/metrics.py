@@ -155,7 +155,7 @@ def unregister(name: str) -> None:
     """Remove a metric that :func:`register` added.
 
     Raises:
-        InputError: there is none of this name.
+        InputError: no metric has this name.
     """
     if name not in _ADDED:
         raise InputError(f"no metric '{name}' was registered; registered are: {', '.join(_ADDED) or 'none'}.")

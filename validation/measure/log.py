@@ -380,7 +380,7 @@ def _check_force_line(signals: Mapping[str, Array], name: str, weight: float) ->
     off = force[:, 2:] * (com[stands, :2] - zmp[stands]) - height[stands, None] * force[:, :2]
     if (aside := float(np.abs(np.nanmean(off, axis=0)).max() / force[:, 2].mean()) / middle) > _BIASED:
         raise InputError(
-            f"{name}: the COM is in the mean {aside:.2g} of its height aside of the force through the ZMP, "
+            f"{name}: the COM is on average {aside:.2g} of its height beside the force through the ZMP, "
             f"more than {_BIASED:g}; give com, zmp and force in one frame, or leave out com."
         )
 

@@ -80,7 +80,7 @@ class Trial(Tabled):
 
     @property
     def plan(self) -> WalkPlan:
-        """That was walked."""
+        """The plan that was walked."""
         return self.planned.plan
 
     @property

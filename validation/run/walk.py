@@ -39,8 +39,8 @@ def walk(
 ) -> Trial:
     """Plan a gait, walk it in MuJoCo, measure it and judge it by its own profile; nothing is written.
 
-    :meth:`Trial.judged` judges it by another one. What a changed gait leaves open is found, ``trial.run`` has
-    it; ``ampm.load_run(...).as_is()`` walks as it is.
+    :meth:`Trial.judged` judges it by another one. Values that a changed gait leaves open are found, and
+    ``trial.run`` has them; ``ampm.load_run(...).as_is()`` keeps those of the preset.
 
     Args:
         run: parameters from :func:`ampm.load_run`, or a preset or TOML file.

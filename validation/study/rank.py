@@ -147,13 +147,13 @@ class Ranking(Tabled):
         )
         head = {key: short for short, key in SHORT.items()}.get(self.by, self.by.rpartition(".")[2])
         ranks = [(name, *(str(self.ranks.get((task, name), ABSENT)) for task in tasks)) for name in names]
-        spread = " and the spread between engines leave the difference open."
+        spread = " or the spread between engines exceeds the difference."
         if self.engines is None:
-            spread = " leave the difference open. One engine does not show the spread of the contact."
+            spread = " exceeds the difference. One engine does not show the spread of the contact."
         note = (
             "The error is the median of the ZMP's RMS distance from the plan as it stood "
-            f"{JUDGED_LEAD:g} s before. Ranks are shared where replicas (95 % interval) or numerical "
-            f"uncertainty ({100.0 * SHARE:g} %){spread} 95 %: of the share that survives. Cost: of transport."
+            f"{JUDGED_LEAD:g} s before. A rank is shared if the spread of replicas (95 %) or the numerical "
+            f"uncertainty ({100.0 * SHARE:g} %){spread} 95 %: interval of survival. Cost: cost of transport."
         )
         columns = (">rank", head, ">error [mm]", ">survived", ">95 % [%]", ">cost", "notes")
         overview = Table("ranks", (head, *(f">{task}" for task in tasks)), ranks, [note])
@@ -191,8 +191,8 @@ class Ranking(Tabled):
 def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     """Rank what a sweep varies, task by task; see :mod:`validation.study.rank`.
 
-    A planner that refuses all of a task leaves it out. Where it walks some replicas, those that it refuses
-    and others walk count as not completed. Walks of other steps than the task's do not count.
+    A planner that refuses all of a task leaves it out. If it walks some replicas, those that it refuses and
+    others walk count as not completed. A walk whose steps are not the task's does not count.
 
     Args:
         sweep: folder of a sweep, finished or not, or its table.
@@ -205,7 +205,7 @@ def rank(sweep: str | Path | SweepTable, by: str = "planner") -> Ranking:
     varied = list(table.metadata["varied"])
     named = [SHORT[by]] if by in SHORT else [key for key in varied if key.endswith(f".{by}")] or [by]
     if len(named) > 1:
-        raise InputError(f"--by {by} is {' or '.join(named)}; give one of them whole.", value=by)
+        raise InputError(f"--by {by} may be {' or '.join(named)}; give the whole key.", value=by)
     (key,) = named
     if key not in varied:
         raise InputError(f"{table.source} does not vary {key!r}; rank by one of {', '.join(varied)}.")
@@ -275,10 +275,10 @@ class _Runs:
         if wrong := np.count_nonzero(self.unsound[rows]):
             yield f"{wrong} fail a check of the measurement and do not count"
         if other := rows[self.is_other[rows]].tolist():
-            words = f"of other steps than the task's do not count: {self.plan_notes[other[0]]}"
+            words = f"with steps unlike the task's do not count: {self.plan_notes[other[0]]}"
             yield f"{len(other)} {words}"
         if met := np.count_nonzero(self.table.numbers("margin_clearance")[done] < 0.0):
-            yield f"in {met} of those that survived parts of the body pass through each other"
+            yield f"in {met} of those that survived, parts of the body pass through each other"
         if equal:
             yield f"{equal} equal another one to the bit: they count once"
         usual = _median(self.pace[np.array(self.tasks) == task])

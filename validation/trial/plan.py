@@ -346,7 +346,7 @@ def _check_request(
         stands = f"the controller {run.controller.name} follows no command: it stands"
         progress.say(f"{request.name}: {stands}; give one of your own with --controller")
     if run.footsteps and not declared.get("plans_footsteps", True):
-        raise InputError(f"the planner {name} does not plan footsteps; leave out one of them.")
+        raise InputError(f"the planner {name} does not plan footsteps; leave out these or the planner.")
     if run.footsteps and run.gait.steps not in (key_info("gait.steps").default, len(run.footsteps) - 2):
         progress.say(f"{request.name}: walks its footsteps, not gait.steps")
     if "gait_keys" in declared:
