@@ -61,7 +61,7 @@ _PRESETS = ", ".join(preset_names())
 GAIT: Any = typer.Argument(None, help=f"Preset ({_PRESETS}) or TOML file; normal if none.", metavar="GAIT")
 GAITS: Any = typer.Argument(None, help=f"Presets ({_PRESETS}) or TOML files; normal if none.", metavar="GAIT")
 SETTINGS: Any = option("--set", "Change a parameter: gait.c_s=1.2; see 'ampm keys'. Repeatable.", "KEY=VALUE")
-AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults; find none.")
+AS_IS: Any = option("--as-is", "Take open values from the preset or the defaults, without a search.")
 BODY: Any = option(
     "--body",
     "Body that walks, a name of 'ampm body list' or a description. Without GAIT it walks a gait of its size.",
@@ -70,8 +70,8 @@ BODY: Any = option(
 STEPS: Any = option("--steps", "Short for gait.steps=N.", "N")
 UNCERTAINTY: Any = option(
     "--uncertainty",
-    "convergence.json of a gait, from 'ampm convergence': a value closer to its limit, or to that of "
-    "another walk, than its numerical uncertainty is undecided. Repeatable, one per gait.",
+    "convergence.json of a gait, from 'ampm convergence': a value is undecided if its limit, or another "
+    "walk's value, is closer than its numerical uncertainty. Repeatable, one per gait.",
     "FILE",
 )
 COLUMNS: Any = option(
@@ -172,7 +172,7 @@ class Length:
     steps: int | None = STEPS
     footsteps: Path | None = option(
         "--footsteps",
-        "Walk over footsteps, from rest to rest: foot, x, y [m], heading [rad]; optional z [m], time [s].",
+        "Walk over footsteps, from rest to rest: foot, x, y [m]; optional heading [rad], z [m], time [s].",
         "FILE.csv",
     )
 
