@@ -71,7 +71,7 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
     :class:`StudyStopped` if the run cannot be walked here: other code, missing modules, a full disk.
     """
     if client_code != code_hash():
-        raise StudyStopped("a worker has other code or versions of ampm", "install the same on both")
+        raise StudyStopped("a worker has other code or versions of ampm", "use the same during a whole study")
     from distributed import get_worker  # slow to load
 
     with _one_at_a_time, open(os.devnull, "w", encoding="utf-8") as nowhere:
