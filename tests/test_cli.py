@@ -206,7 +206,7 @@ def walked(tmp_path_factory):
     return out, script(f"validate normal {' '.join(SHORT)} --out {out} --json")
 
 
-def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked, ampm):
+def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked, ampm, tmp_path, monkeypatch):
     out, answer = walked
     assert answer.returncode == Status.PASS, answer.stderr
     assert {path.name for path in out.iterdir()} == set(RunFile) - {"explain.json", "external.parquet"}
@@ -220,8 +220,10 @@ def test_a_trial_fills_its_folder_and_prints_its_summary_alone(walked, ampm):
         assert {"value", "unit", "tolerance", "pass"} <= metric.keys()
     assert json.loads((out / "environment.json").read_text())["versions"]["mujoco"] == "3.17.0"
     assert dump_run(load_run(out / "run.toml")) == (out / "run.toml").read_text()
-    assert load_run(out / "run.toml").gait.steps == STEPS
     assert "report.html" not in ampm("judge", out).out  # which it does not write
+    monkeypatch.setattr("validation.run.validate.read_summary", lambda _: summary)  # of another program
+    late = ampm("validate", "normal", *SHORT, "--set", "sensors.delay=0.002", "--out", tmp_path / "late")
+    assert late.status == Status.OUT_OF_TOLERANCE, late.out
 
 
 def test_replay_stops_at_the_first_difference_and_is_quiet(walked, tmp_path, capfd, monkeypatch):

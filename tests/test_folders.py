@@ -71,9 +71,10 @@ def test_an_error_before_anything_was_recorded_leaves_nothing(tmp_path, target, 
     assert list(tmp_path.rglob("*")) == ([target] if exists else [])
 
 
-def test_a_mounted_volume_is_not_replaced(target, monkeypatch):
-    monkeypatch.setattr(Path, "is_mount", lambda path: path == target)
-    with pytest.raises(InputError, match="give a folder in it"), run_folder(target, force=True):
+@pytest.mark.parametrize("name", ["is_mount", "cwd"])
+def test_a_mounted_volume_and_the_working_folder_are_not_replaced(target, monkeypatch, name):
+    monkeypatch.setattr(Path, name, lambda path=target: path == target if name == "is_mount" else path)
+    with pytest.raises(InputError, match="cannot be renamed; give another"), run_folder(target, force=True):
         pass
 
 

@@ -162,7 +162,8 @@ def test_two_rates_are_no_gaps_and_a_momentum_may_have_some(folder, table):
     trial = val.judge_log({name: values[few] for name, values in table.items()}, folder, start=0.0)
     assert "A row counts for the time until the next: give a" in " ".join(trial.table().notes)
     assert trial.verdict.passed, trial.verdict.reason
-    table["angular_momentum_y"][600:700] = np.nan
+    some = abs(table["time"] - 1.625) < 0.125
+    table["angular_momentum_y"] = np.ma.array(table["angular_momentum_y"], mask=some)
     assert "the angular momentum is empty in 5" in val.judge_log(table, folder, start=0.0).verdict.reason
 
 
@@ -367,7 +368,7 @@ def test_so_is_one_whose_uncertainty_is_known(tmp_path):
         val.explain(folder)
 
 
-def test_so_is_the_log_of_a_treadmill(folder, table, tmp_path, ampm):
+def test_so_is_the_log_of_a_treadmill(folder, table, tmp_path):
     """On the belt's frame it has the metrics of the walk over the floor."""
     belt = 0.9 + 0.1 * np.sin(table["time"])
     way = np.cumsum(np.append(0.0, 0.5 * (belt[1:] + belt[:-1]) * np.diff(table["time"])))
@@ -376,10 +377,6 @@ def test_so_is_the_log_of_a_treadmill(folder, table, tmp_path, ampm):
     assert value(found, "zmp_x_rmse") == pytest.approx(value(want, "zmp_x_rmse"), rel=1e-9)
     before, again = kept(found.save(tmp_path / "log", recording=False))
     assert again == before
-    for words in (("--start", 0.0), ("--plan", "normal"), ("--strides",)):
-        refused = ampm("judge", tmp_path / "log", *words)
-        assert refused.status == 2
-        assert f"leave out what is for a table: {words[0]}." in refused.err
 
 
 def test_units_have_the_factors_of_their_prefixes():

@@ -82,7 +82,7 @@ def test_a_metric_that_a_run_lacks_or_no_profile_judges_is_refused(drop, tmp_pat
     folder = make_run(tmp_path / "run")
     limits = dict(drop.tolerances)
     register(replace(drop, name="later", tolerances=limits))
-    assert "has no values of later; walk it again with --metric." in ampm("judge", folder).err
+    assert "has no values of later; walk it again with --metric." in ampm("explain", folder).err
     limits["defualt"] = 1.0
     assert ampm("validate").err.startswith("ampm: unknown profile for a limit of 'later': 'defualt'; did")
 

@@ -15,6 +15,7 @@ CACHE = platformdirs.user_cache_path()  # pytester has a home of its own
 FILE = """
 import os
 import pytest
+from pathlib import Path
 from docs.examples.joint_pd import JointPD
 
 COARSE = dict(gait={"steps": 2}, solver={"ik_time_step": 0.01}, simulation={"time_step": 0.002})
@@ -37,6 +38,7 @@ def run(pytester, monkeypatch):
 
     def call(text, *arguments):
         pytester.makepyfile(FILE + text)
+        pytester.makefile(".toml", gait="")
         return pytester.runpytest_subprocess("-p", "validation.pytest_plugin", *arguments)
 
     return call
@@ -97,8 +99,9 @@ def test_failures_say_what_is_wrong(run, tmp_path):
     result = run(
         """
 @pytest.mark.parametrize("c_s", ["c_s<1", "c_s>1"])
-def test_falls(walked, assert_within, c_s):
-    trial = walked("normal", controller=JointPD, **COARSE)
+def test_falls(walked, assert_within, c_s, monkeypatch):
+    monkeypatch.chdir("/")
+    trial = walked(Path("gait.toml"), controller=JointPD, **COARSE)
     assert_within(*[trial] * (c_s == "c_s<1"))
 
 @pytest.mark.parametrize("trials", [["strict"], ["strict", [3.5]]])
@@ -114,9 +117,9 @@ def test_unknown_gait(walked):
     result.stdout.no_fnmatch_line("*cannot be saved*")
     result.stdout.fnmatch_lines(
         [
-            "normal with docs.examples.joint_pd:JointPD: not measured (default). The body fell*",
-            f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls-c_s-1/0-normal",
-            "*ampm view */ampm-runs/*test_falls-c_s-1+/0-normal",
+            "gait with docs.examples.joint_pd:JointPD: not measured (default). The body fell*",
+            f"*ampm view {tmp_path / 'runs'}/ampm-runs/*test_falls-c_s-1/0-gait",
+            "*ampm view */ampm-runs/*test_falls-c_s-1+/0-gait",
             "this test walked nothing; call walked() first, or give the trials.",
             "[[]3.5] is no trial; give trials one by one.",
             "*did you mean 'normal'*",

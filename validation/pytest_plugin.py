@@ -46,8 +46,8 @@ def walked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     trials = request.node.stash.setdefault(_WALKED, [])
     request.node.stash[_PLACE] = tmp_path_factory.getbasetemp() / "ampm-runs"
 
-    def walk(source: RunParameters | str | None = None, /, **inputs: Any) -> Trial:
-        if isinstance(source, str) and (beside := request.path.parent / source).is_file():
+    def walk(source: Any = None, /, **inputs: Any) -> Trial:
+        if isinstance(source, str | Path) and (beside := request.path.parent / source).is_file():
             source = str(beside)
         trials.append(walk_once(source, **inputs))
         return trials[-1]

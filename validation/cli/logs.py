@@ -10,7 +10,7 @@ from validation.cli import options
 from validation.cli.console import Narrator, print_json
 from validation.cli.options import Status, grouped, option
 from validation.cli.validate import print_trial, status_of
-from validation.store.folders import check_run_folder
+from validation.store.folders import check_run_folder, new_folder
 
 app = typer.Typer()
 
@@ -76,24 +76,20 @@ def judge(
 
     ampm judge runs/walk --profile strict
     """
-    from validation.judge.metrics import added_metrics
     from validation.run.judge_log import judge_log, judge_run
 
     profile, given = judging.load(), {**vars(comparing), "out": result.out, "force": result.force}
     if log.is_dir():
         if comparing.plan and Path(comparing.plan).is_dir() and Path(comparing.plan).samefile(log):
             given["plan"] = None
-        used = [name for name, value in given.items() if not (value is None or value is False)]
-        if used:
+        if used := [name for name, value in given.items() if not (value is None or value is False)]:
             said = ", ".join(f"--{name}" for name in used).replace("settings", "set")
             raise InputError(f"{log} is the folder of a run; leave out what is for a table: {said}.")
         summary = judge_run(log, profile).summary
-        if lacking := ", ".join(sorted({item.name for item in added_metrics()} - summary["metrics"].keys())):
-            raise InputError(f"{log} has no values of {lacking}; walk it again with --metric.")
         target = log
     else:
         narrator = Narrator()
-        target = result.folder(log.stem)
+        target = result.out or new_folder(log.stem)
         check_run_folder(target, force=result.force)
         trial = judge_log(
             log,
@@ -144,7 +140,7 @@ def fit(
     """
     from validation.run.fit import fit_log
 
-    target = result.folder(f"fit-{log.stem}")
+    target = result.out or new_folder(f"fit-{log.stem}")
     with Narrator().stage("fit and report"):
         found = fit_log(log, columns=options.read_mapping(columns or ()), mass=mass, com_height=com_height)
         found.save(target, force=result.force)

@@ -16,7 +16,6 @@ from ampm.exceptions import InputError
 from ampm.files import absolute, quoted
 from ampm.presets import preset_names
 from validation.cli.console import Narrator, print_json, print_line
-from validation.store.folders import new_folder
 from validation.table import print_tables
 
 if TYPE_CHECKING:
@@ -229,10 +228,6 @@ class Result:
     out: Path | None = option("--out", "Folder of the result; by default runs/NAME-TIME.", "DIR")
     force: bool = option("--force", "Replace an earlier result at --out.")
     as_json: bool = JSON
-
-    def folder(self, name: str) -> Path:
-        """The folder of one result."""
-        return self.out or new_folder(name)
 
 
 @dataclass(frozen=True)

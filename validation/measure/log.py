@@ -160,7 +160,7 @@ def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[st
             raise unknown(unit, units, f"unit of {name}", value=unit)
         sign = -1.0 if parts.get("sign") and column != text else 1.0
         try:
-            found[name] = sign * units.get(str(unit), 1.0) * np.asarray(table[column], dtype=np.float64)
+            found[name] = sign * units.get(str(unit), 1.0) * np.ma.asarray(table[column], dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise InputError(f"the column {column!r} must be numbers ({error}).") from None
     return found
@@ -232,7 +232,7 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     """A column of numbers; NaN where not measured."""
     try:
-        numbers = np.array(table[key], dtype=np.float64)
+        numbers = np.ma.array(table[key], dtype=np.float64, copy=True).filled(np.nan)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"{name}: {key} must be numbers ({error}); leave out other rows, such as one of units."

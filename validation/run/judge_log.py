@@ -16,7 +16,7 @@ from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import SIGNALS, compare
 from validation.judge.log import PHASES, check_climb, find_place, find_start, mean_stride, steps_beside
-from validation.judge.metrics import display_unit, evaluate
+from validation.judge.metrics import added_metrics, display_unit, evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
 from validation.measure.log import HOLE, LOADED, NAMES, Log, log_record, map_columns, measure_log, read_log
@@ -29,7 +29,7 @@ from validation.store.saved import SavedRun, load_saved_run
 from validation.trial.files import RunFile
 from validation.trial.plan import Request, load_request, plan_walk
 from validation.trial.record import FEET
-from validation.trial.users import SUFFIXES, read_columns
+from validation.trial.users import SUFFIXES, read_columns, real_numbers
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
 _KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
@@ -72,9 +72,11 @@ def judge_log(
     progress = progress or Progress()
     if strides and (start is not None or place is not None):
         raise InputError(f"--strides takes no --start ({start}) and no --place ({place}); leave them out.")
-    for name, given in (("--start", start), ("--place", place)):
-        if given is not None and not np.isfinite(given).all():
-            raise InputError(f"{name} {given} must be finite; leave it out to find it.")
+    for name, given, shape in (("start", start, ()), ("place", place, (2,))):
+        try:
+            real_numbers(f"--{name} {given}", np.zeros(shape) if given is None else given, shape, finite=True)
+        except ValueError as error:
+            raise InputError(f"{error}; leave it out to find it.") from None
     request = _request(plan, settings)
     if request.run.gait.planner == NO_PLAN:
         raise InputError(
@@ -110,9 +112,11 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
 
     The metrics are not computed anew: the folder does not keep every state that they were measured from. The
     profile, or its name, is by default the one by which it was judged. Raises :class:`InputError` if it is
-    not a run folder, or the profile or one of the metrics is not known.
+    not a run folder, or the profile or one of the metrics is not known or was not measured.
     """
     saved = load_saved_run(directory)
+    if lacking := [item.name for item in added_metrics() if item.name not in saved.summary["metrics"]]:
+        raise InputError(f"{directory} has no values of {', '.join(lacking)}; walk it again with --metric.")
     limits = find_profile(profile or saved.summary["profile"])
     return replace(saved, summary=judge_summary(saved.summary, limits, saved.record.outcome.ending))
 
@@ -123,9 +127,8 @@ def log_columns(
     """Columns of a log by name, after a mapping, and its name; of a run's folder what was measured."""
     if not isinstance(table, str | Path) and hasattr(table, "keys"):
         return map_columns(table, mapping or {}), "the log"
-    path = Path(str(table))
-    if not path.exists():
-        raise InputError(f"there is no file and no folder {str(path)!r}; correct the name.")
+    if not isinstance(table, str | Path) or not (path := Path(table)).exists():
+        raise InputError(f"there is no file and no folder {str(table)[:99]!r}; give one, or columns by name.")
     read = _measured if path.is_dir() else reader_of(path) or read_columns
     return map_columns(read(path), mapping or {}), path.name
 

@@ -67,7 +67,6 @@ def validate(
         InputError, MathematicalRefusal, BodilyRefusal: the request cannot be met; nothing is written.
         OSError: the disk is full.
     """
-    check_run_folder(target, force=force)
     planned = plan_walk(request, progress)
     with run_folder(target, force=force) as folder:
         write_inputs(folder, planned)
@@ -89,7 +88,7 @@ def validate(
         return summary
     try:
         draw_run(target, request.name, progress)
-        summary = read_summary(target)  # with the digest of the recording
+        summary["files"] = read_summary(target)["files"]  # with the digest of the recording
         interruption.check()
     except (Exception, KeyboardInterrupt) as error:
         error.add_note(f"the run itself is complete in {target}, and 'ampm report' draws it again")

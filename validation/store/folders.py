@@ -64,8 +64,9 @@ def check_target(
 def check_run_folder(target: Path, *, force: bool) -> None:
     """Refuse a folder that a run must not be written into; see :func:`check_target`."""
     check_target(target, frozenset(RunFile), force=force, marks={RunFile.RUN})
-    if target.is_mount():
-        raise InputError(f"{target} is a mounted volume, which cannot be renamed; give a folder in it.")
+    if target.is_mount() or target.resolve() == Path.cwd():
+        where = "is a mounted volume or the working folder, which cannot be renamed"
+        raise InputError(f"{target} {where}; give another folder.")
 
 
 def _make_folder(folder: Path) -> None:

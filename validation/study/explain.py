@@ -311,9 +311,15 @@ def explain(
     planned = plan_walk(given.request, execution.get("progress"))
     case = replace(given, request=planned.request)
     trial = walk_case(case)
-    if folder is not None and (was := read_summary(folder)["verdict"]) != trial["verdict"]:
-        now = f"had the verdict {was}, and its repeat has {trial['verdict']}"
-        raise InputError(f"{folder} {now}: a class, file or metric has changed; walk it anew.")
+    if folder is not None:
+        was, used = read_summary(folder), {name: item["used"] for name, item in trial["metrics"].items()}
+        margins = {name: was["metrics"].get(name, {}).get("margin") for name in used}
+        shares = {name: min(1.0 - of, _MOST_USED) for name, of in margins.items() if isinstance(of, float)}
+        moved = [name for name, share in shares.items() if abs(used[name] - share) > _LEAST_GAIN]
+        if moved or was["verdict"] != trial["verdict"]:
+            now = trial["verdict"] + ", with another " * bool(moved) + ", ".join(moved)
+            now = f"had the verdict {was['verdict']}, and its repeat has {now}"
+            raise InputError(f"{folder} {now}: a class, file or metric has changed; walk it anew.")
     case = replace(case, strained=trial["motor"] if trial["strained"] else "")
     changes = possible(case)
     tasks = [Task(case.text(change, new), walk_case, {"case": new}) for change, new in changes]
