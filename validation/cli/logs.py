@@ -93,7 +93,7 @@ def judge(
         check_run_folder(target, force=result.force)
         trial = judge_log(
             log,
-            comparing.plan or "normal",
+            "normal" if comparing.plan is None else comparing.plan,
             columns=options.read_mapping(comparing.columns or ()),
             settings=options.with_short(comparing.settings, steps=comparing.steps, body=comparing.body),
             start=comparing.start,

@@ -262,7 +262,7 @@ class Judging:
         from validation.judge.profiles import find_profile  # loads NumPy
 
         load_metrics(self.metric)
-        return find_profile(self.profile) if self.profile else None
+        return None if self.profile is None else find_profile(self.profile)
 
 
 def load_metrics(texts: Sequence[str] | None) -> None:

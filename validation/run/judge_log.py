@@ -117,7 +117,7 @@ def judge_run(directory: str | Path, profile: Profile | str | None = None) -> Sa
     saved = load_saved_run(directory)
     if lacking := [item.name for item in added_metrics() if item.name not in saved.summary["metrics"]]:
         raise InputError(f"{directory} has no values of {', '.join(lacking)}; walk it again with --metric.")
-    limits = find_profile(profile or saved.summary["profile"])
+    limits = find_profile(saved.summary["profile"] if profile is None else profile)
     return replace(saved, summary=judge_summary(saved.summary, limits, saved.record.outcome.ending))
 
 
