@@ -18,10 +18,10 @@ QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "co
 def test_with_the_projects_controller_a_body_stands(ampm, tmp_path):
     (gait := tmp_path / "up.toml").write_text("[gait]\nslope = 0.05\n[drake]\nstiffness = 2e5\n")
     more = ("--steps", 4, "--out", tmp_path / "run", "--json", "--set", "sensors.stand=1")
-    slope = ("--body", "suite-humanoid", "--set", "disturbance.slope_across=0.02")
+    slope = ("--body", "suite-humanoid", "--set", "disturbance.slope_across=0.02", "--set", "body.lean=0.1")
     answer = ampm("validate", gait, *slope, *QUICK, *more, "--set", "controller.stabilizer=stepping")
     assert answer.status == 0
-    assert "planner none does not use: gait.slope, gait.steps" in answer.err
+    assert "planner none does not use: body.lean, gait.slope, gait.steps" in answer.err
     idle = ("exact does not use: sensors.stand", "mujoco does not use: drake", "none does not use: control")
     assert [keys for keys in idle if keys not in answer.err] == []
     summary = answer.json

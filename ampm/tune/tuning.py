@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ampm.body.feasibility import joint_groups
 from ampm.body.inverse_kinematics import InverseKinematics, Unreachable
 from ampm.body.limits import LIMITS
 from ampm.body.return_map import Orbit
@@ -329,8 +330,15 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
     if reason == "self_collision":
         gaps = robot.step_gaps(step.q)
         return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"
-    if name == "ankle" and not robot.description.sole.has_toes:
-        return "; a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
+    if reason == "joint_limits":
+        joints = robot.velocity_indices(joint_groups(robot.description)[name]) - 6
+        room = np.minimum(step.q[:, 7:] - robot.lower, robot.upper - step.q[:, 7:]).min(axis=0)
+        nearest = int(joints[room[joints].argmin()])
+        along, across, _ = np.abs(robot.rigid_body.tree["axis"][1 + nearest])
+        less = ": a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
+        if name != "ankle" or along > across or robot.description.sole.has_toes:
+            less = ""
+        return f"; the nearest is {names[nearest]}{less}"
     return ""
 
 

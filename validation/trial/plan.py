@@ -353,7 +353,8 @@ def _check_request(
         noted = {"gait.steps", "gait.slope", "gait.cross_slope"} & run.given
         noted = {key for key in noted if run.value(key) != key_info(key).default}
         unused = {*request.changed, *noted} - {*declared["gait_keys"]}
-        if keys := ", ".join(sorted(key for key in unused if key.startswith("gait."))):
+        of_plan = ("gait.", "foot.", "body.lean", "body.pelvis_") if name == NO_PLAN else "gait."
+        if keys := ", ".join(sorted(key for key in unused if key.startswith(of_plan))):
             progress.say(f"{request.name}: the planner {name} does not use: {keys}")
 
 
