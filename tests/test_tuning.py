@@ -65,9 +65,9 @@ def found_for(toml, urdf=URDF, *settings):
 def test_a_step_may_be_shorter_than_a_wide_foot_of_a_body_with_a_joint_without_range():
     loose = URDF.replace('waist_pitch" type="revolute"', 'waist_pitch" type="continuous"')
     wide = TOML.replace("front = 0.14", "front = 0.2").replace("half_width = 0.045", "half_width = 0.08")
-    found = found_for(wide, loose, "gait.step_length=0.15", "gait.switching_velocity=0.3")
-    assert (found.worst(), found.run.foot.toe_off_angle) == (1.0, 0.0)  # no heel rises
-    assert found.run.gait.step_width > 0.16
+    stiff = wide + 'range."._knee" = [0.0, 1.2]'  # the step would bend the knee by 1.5 rad
+    found = found_for(stiff, loose, "gait.step_length=0.15", "gait.switching_velocity=0.3")
+    assert (found.worst(), found.run.foot.toe_off_angle, found.run.gait.step_width > 0.16) == (1.0, 0.0, True)
 
 
 def plan_of(run, robot):

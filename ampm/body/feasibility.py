@@ -38,8 +38,6 @@ LESS = "bring gait.c_s and gait.c_y nearer to 1, lower gait.com_height or shorte
 _JOINT_WAYS_OUT = {
     "ankle": "raise gait.com_height, shorten gait.step_length or raise foot.heel_rise_lead",
     "toe": "lower foot.toe_off_angle",
-    "trunk": "bring gait.c_s and gait.c_y nearer to 1",
-    "arms": "bring gait.c_s and gait.c_y nearer to 1",
 }
 _TURNED = 0.2  # most heading of a foot whose ankle does not roll [rad]: the controller frees the roll about x
 _INSTANTS = 200  # samples per phase, for values without a closed-form extremum

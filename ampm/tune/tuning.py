@@ -185,10 +185,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
         f"the best choice fails: {refusal.args[0]} (choices tried: {tried})",
         tried=tried,
         values=values,
-        reason=refusal.reason,
-        value=refusal.value,
-        limit=refusal.limit,
-        unit=refusal.unit,
+        **vars(refusal),
     ) from refusal
 
 
@@ -291,8 +288,7 @@ def no_feasible_choice(search: ChoiceSearch, tried: int) -> NoFeasibleChoice:
         if any(margin < 0.0 for name, margin in margins.items() if name.endswith("_torque")):
             margins.pop("hip_time", None)  # which follows from too little torque
         name = min(margins, key=lambda name: margins[name])
-        cause = _cause(name, best.plan, best.orbit, search.robot)
-        return broken_limit(name, best.values, tried, cause)
+        return broken_limit(name, best.values, tried, _cause(name, best.plan, best.orbit, search.robot))
     causes = [candidate.why for candidate in search.candidates if candidate.why is not None]
     why = max(causes, key=lambda cause: cause.time, default=None)  # of the choice that came farthest
     return NoFeasibleChoice(
@@ -331,13 +327,12 @@ def _cause(name: str, plan: StepPlan, orbit: Orbit, robot: Robot) -> str:
         gaps = robot.step_gaps(step.q)
         return f"; they are {gaps.parts[int(gaps.distance.argmin())]}"
     if reason == "joint_limits":
-        joints = robot.velocity_indices(joint_groups(robot.description)[name]) - 6
+        joints = robot.velocity_indices(joint_groups(robot.description)[name.partition("_")[0]]) - 6
         room = np.minimum(step.q[:, 7:] - robot.lower, robot.upper - step.q[:, 7:]).min(axis=0)
         nearest = int(joints[room[joints].argmin()])
-        along, across, _ = np.abs(robot.rigid_body.tree["axis"][1 + nearest])
-        less = ": a sole that ends nearer to the ankle bends it less: lower front in [body.sole]"
-        if name != "ankle" or along > across or robot.description.sole.has_toes:
-            less = ""
+        along, across, _ = np.abs(robot.rigid_body.tree["axis"][1 + nearest]).tolist()
+        bends = name == "ankle" and across > along and not robot.description.sole.has_toes
+        less = ": a sole that ends nearer to the ankle bends it less: lower front in [body.sole]" * bends
         return f"; the nearest is {names[nearest]}{less}"
     return ""
 
