@@ -339,8 +339,7 @@ class FreeChoices:
         def spare(height: float) -> float:
             plan = self.first_steps(self.parameters({**choice, "height": height}))
             times = step_instants(plan)[0]
-            com, feet = plan.sample(times).com, plan.feet.sample(times)
-            return wanted - leg_extension(com, feet, self.description)
+            return wanted - leg_extension(plan.sample(times).com, plan.feet.sample(times), self.description)
 
         try:
             if spare(top) >= 0.0:
@@ -377,8 +376,6 @@ def _later_rise(plan: StepPlan) -> float:
     risen = ~contact[:, 0]
     without = polygon_margin(points, contact, zmp)
     missed = risen & (without < -RISE_TOLERANCE)
-    if not missed.any():
-        return 0.0
     flat_contact, flat_points = contact.copy(), points.copy()
     flat_contact[:, :2] = True
     flat_points[:, :2, 0] = points[:, 2:4, 0] + plan.feet.sole.heel_x - plan.feet.sole.ball_x
