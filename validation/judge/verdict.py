@@ -198,7 +198,7 @@ def judge(
     own = {metric.name for metric in added_metrics()}
     verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log or {})
     if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
-        reason += f" Walk longer{' after the push' if 'recovery_time' in lacking else ''}."
+        reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than a step'}."
     if checks := len(missing) - len(lacking):
         reason += f" Checks of the measurement that were not made: {checks}."
     if profile.name != DEFAULT.name:
