@@ -127,7 +127,9 @@ LIMITS: Mapping[str, Limit] = {
     # A sole that lands rolled turns flat, and its hip goes aside: the ZMP errs by up to 2 mm a milliradian.
     "sole_roll": Limit("largest roll of a sole in double support", "rad", 0.0015, 0.0003, "sole_rolls"),
     "knee": Limit("least knee flexion", "rad", KNEE_MINIMUM + _KNEE_GRID, 0.35, "knee_too_straight"),
-    "knee_range": Limit("least distance of a knee from its limits", "rad", _JOINT_GRID, 0.06, "joint_limits"),
+    "knee_range": Limit(
+        "least distance of a bent knee from its limit", "rad", _JOINT_GRID, 0.06, "joint_limits"
+    ),
     **{
         name: Limit(f"least distance of {words} from its limits", "rad", _JOINT_GRID, target, "joint_limits")
         for name, (words, target) in _GROUPS.items()

@@ -163,7 +163,7 @@ class FreeChoices:
                 "foot.swing_lag": choice["lag"],
             },
         )
-        plan = plan_gait(_begin(run.gait), run.body.mass)
+        plan = plan_gait(run.gait.model_copy(update={"steps": 2}), run.body.mass)
         gains, swing = self.run.controller, plan.constants.single_support_duration
         double = plan.constants.double_support_duration
         faster = max(1.0, _SWING_RATE / (swing * math.sqrt(max(gains.swing_stiffness, 1.0))))
@@ -187,8 +187,8 @@ class FreeChoices:
         return self._rolling(rolling, choice, double, lead - late) if late > 0.0 else rolling
 
     def first_steps(self, run: RunParameters) -> StepPlan:
-        """Plan of the first two steps of a run."""
-        return plan_steps(_begin(run.gait), run.body.mass, run.foot, self.sole)
+        """Plan of the first two steps of a run, which are like all others."""
+        return plan_steps(run.gait.model_copy(update={"steps": 2}), run.body.mass, run.foot, self.sole)
 
     def _rolling(
         self, run: RunParameters, choice: Mapping[str, float], double: float, lead: float
@@ -349,11 +349,6 @@ class FreeChoices:
             return float(brentq(spare, lowest, top, xtol=1e-4))
         except RefusedGait:
             return choice["height"]
-
-
-def _begin(gait: GaitParameters) -> GaitParameters:
-    """The gait's first two steps, which are like all others."""
-    return gait.model_copy(update={"steps": 2})
 
 
 def _heel_rise_lead(plan: CentroidalPlan, ball: float) -> float:

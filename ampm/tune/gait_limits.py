@@ -126,7 +126,9 @@ def orbit_margins(orbit: Orbit, plan: StepPlan, robot: Robot) -> dict[str, Array
             last_fifth = np.clip((share[:, joints] - 0.8) / 0.2, 0.0, 1.0)
             values["hip_time"] = np.trapezoid(last_fifth, time, axis=0) / time[-1]
     knee = [robot.knee_flexion(step.q[phase]).min(axis=0) for phase in phases]
-    return {**values, "knee": np.concatenate(knee), "knee_range": values["knee"]}
+    low, high = values["knee"].reshape(2, -1)  # of both ends; the flexion keeps the straight one
+    bent = np.where(np.tile([leg.knee_sign > 0.0 for leg in robot.description.legs], len(phases)), high, low)
+    return {**values, "knee": np.concatenate(knee), "knee_range": bent}
 
 
 def _gaps(step: StepTrajectory, time: Array, robot: Robot) -> Array:
