@@ -2,16 +2,18 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.body.limits import CLEARANCE
-from ampm.geometry import Array
+from ampm.geometry import Array, Flags
 from ampm.walk import UNSOLVED
-from validation.judge.compare import Comparison
+from validation.judge.compare import Comparison, push_rows, signal_pairs
 from validation.measure.measure import largest
 from validation.trial.record import SimulationRecord
+
+_ONE_STEP = 1.9  # most RMS error of a later step over its limit: with noise, steps vary by 1.8 [1]
 
 
 def rms(values: Array) -> float:
@@ -84,8 +86,55 @@ def has_qp(record: SimulationRecord) -> bool:
 
 def _unsupported(walk: Comparison) -> float:
     """Instants in the window that have no ZMP; NaN if it was never measured, as in a log of forces."""
-    known: NDArray[np.bool_] = np.isfinite(walk.measured.zmp[:, 0])
+    known: Flags = np.isfinite(walk.measured.zmp[:, 0])
     return float(np.count_nonzero(~known[walk.inside])) if known.any() else math.nan
+
+
+def recovery_time(walk: Comparison, most: float) -> float | None:
+    """Longest time from the end of a push until all errors keep their limits [s].
+
+    They keep them from an instant on if they do so both in the step that follows and in all that remains, up
+    to the next push or to the end of the walk, and no later step exceeds 1.9 times an RMS limit. Pushes less
+    than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
+    limits within ``most`` [s], or did not from the begin to the first push, if that was a step or more; NaN
+    if the walk ends before that; None if nothing pushed the body, or without a plan.
+    """
+    record = walk.record
+    if walk.plan.command is not None or not (pushes := push_rows(record)):
+        return None
+    (first, start), *others = pushes
+    duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
+    step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
+    pairs = signal_pairs(walk.sample, walk.measured, record)
+    errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
+    kept = partial(_kept, errors, walk.unpushed_limits)
+    if first - judged >= step and not kept(judged, first, first - judged)[0]:
+        return math.inf
+    longest = 0
+    for begin, end in others:
+        if begin - start < step:
+            start = end
+        elif (recovered := np.flatnonzero(kept(start, begin, step))).size:
+            longest, start = max(longest, int(recovered[0])), end
+    if (recovered := np.flatnonzero(kept(start, record.steps, step))).size:
+        return max(longest, int(recovered[0])) * record.time_step
+    return math.nan if record.time_step * (record.steps - start - step) < most else math.inf
+
+
+def _kept(errors: Mapping[str, Array], limits: Mapping[str, float], begin: int, end: int, rows: int) -> Flags:
+    """Whether errors keep their limits, by the begin of a window of some rows, in it and to the end."""
+    within = np.ones(max(end - begin - rows + 1, 0), dtype=bool)
+    lengths = end - begin - np.arange(within.size)
+    for name, error in errors.items() if within.size else ():
+        of = error[begin:end]
+        broken = ~(of <= limits.get(f"{name}_maximum", math.inf))
+        squares = np.where(broken, 0.0, of) ** 2
+        sums = np.cumsum(np.vstack([np.zeros(2), np.column_stack([broken, squares])]), axis=0)
+        (count, rest), mean = (sums[-1] - sums[:-rows]).T, limits.get(f"{name}_rmse", math.inf) ** 2
+        square = (sums[rows:, 1] - sums[:-rows, 1]) / rows
+        later = np.logical_and.accumulate(square[::-1] <= _ONE_STEP**2 * mean)[::-1]
+        within &= (count == 0) & (square <= mean) & later & (rest <= lengths * mean)
+    return within
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {

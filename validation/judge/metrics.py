@@ -16,17 +16,15 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ampm.exceptions import InputError, words_of
 from ampm.parameters import GRAVITY
 from ampm.section import unknown
-from validation.judge.built_in import COMPUTED
-from validation.judge.compare import RUN, SIGNALS, Comparison, push_rows, signal_pairs
+from validation.judge.built_in import COMPUTED, recovery_time
+from validation.judge.compare import RUN, SIGNALS, Comparison
 from validation.table import package_rows
 from validation.trial.users import load_object
 
-_ONE_STEP = 1.9  # most RMS error of a later step over its limit: with noise, steps vary by 1.8 [1]
 _KINDS, _NATURES = ("walk", "instrument", "cost"), ("mean", "extreme", "count")
 
 
@@ -254,50 +252,7 @@ def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
 
 
 def _recovery_time(walk: Comparison) -> float | None:
-    """Longest time from the end of a push until all errors keep their limits [s].
-
-    They keep them from an instant on if they do so both in the step that follows and in all that remains, up
-    to the next push or to the end of the walk, and no later step exceeds 1.9 times an RMS limit. Pushes less
-    than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
-    limits within its own limit, or did not from the begin to the first push, if that was a step or more; NaN
-    if the walk ends before that; None if nothing pushed the body, or without a plan.
-    """
-    record = walk.record
-    if walk.plan.command is not None or not (pushes := push_rows(record)):
-        return None
-    (first, start), *others = pushes
-    duration = float(np.median(np.diff(walk.plan.contacts.step_ends, prepend=0.0)))
-    step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
-    pairs = signal_pairs(walk.sample, walk.measured, record)
-    errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
-
-    def kept(begin: int, end: int, rows: int = step) -> NDArray[np.bool_]:
-        """Whether errors keep their limits, by the begin of a window of some rows, in it and to the end."""
-        within = np.ones(max(end - begin - rows + 1, 0), dtype=bool)
-        lengths = end - begin - np.arange(within.size)
-        for name, error in errors.items() if within.size else ():
-            of, limits = error[begin:end], walk.unpushed_limits
-            broken = ~(of <= limits.get(f"{name}_maximum", math.inf))
-            squares = np.where(broken, 0.0, of) ** 2
-            sums = np.cumsum(np.vstack([np.zeros(2), np.column_stack([broken, squares])]), axis=0)
-            (count, rest), mean = (sums[-1] - sums[:-rows]).T, limits.get(f"{name}_rmse", math.inf) ** 2
-            square = (sums[rows:, 1] - sums[:-rows, 1]) / rows
-            later = np.logical_and.accumulate(square[::-1] <= _ONE_STEP**2 * mean)[::-1]
-            within &= (count == 0) & (square <= mean) & later & (rest <= lengths * mean)
-        return within
-
-    if first - judged >= step and not kept(judged, first, first - judged)[0]:
-        return math.inf
-    longest = 0
-    for begin, end in others:
-        if begin - start < step:
-            start = end
-        elif (recovered := np.flatnonzero(kept(start, begin))).size:
-            longest, start = max(longest, int(recovered[0])), end
-    if (recovered := np.flatnonzero(kept(start, record.steps))).size:
-        return max(longest, int(recovered[0])) * record.time_step
-    ends = record.time_step * (record.steps - start - step) < METRICS["recovery_time"].tolerances["pushed"]
-    return math.nan if ends else math.inf
+    return recovery_time(walk, METRICS["recovery_time"].tolerances["pushed"])
 
 
 def _cost(walk: Comparison, name: str) -> float:
