@@ -17,7 +17,7 @@ from models.human import sole_geometry
 from tests.walk import APART, perfect_walk, with_state
 from validation.judge.compare import PARTS, RUN, compare
 from validation.judge.metrics import DEFAULT_BODY, evaluate
-from validation.judge.profiles import DEFAULT, STRICT, Profile, find_profile, own_profile
+from validation.judge.profiles import DEFAULT, PUSHED, STRICT, Profile, find_profile, own_profile
 from validation.judge.signals import signals_table
 from validation.judge.uncertainty import Uncertainty
 from validation.judge.verdict import VerdictName, judge
@@ -64,6 +64,7 @@ def test_a_limit_of_zero_may_be_the_only_one(walk):
     verdict = verdict_of(compared(walk), Profile("zero", DEFAULT, leaves_out))
     assert verdict.passed
     assert all(item.tolerance == 0.0 for item in verdict.judged)
+    assert verdict_of(compared(walk), Profile("own", PUSHED)).reason.startswith("Nothing pushed the body")
 
 
 def test_an_error_between_the_profiles_passes_one_and_fails_the_other(walk):
@@ -164,10 +165,8 @@ def test_profiles_are_found_by_name_and_by_run():
     assert find_profile("strict") is STRICT
     gait, jumps = load_run("pitch"), load_run("ipm")
     own = {name: own_profile(load_run(name)).name for name in preset_names()}
-    own |= {
-        key: own_profile(jumps.replace({key: value})).name
-        for key, value in {"gait.planner": "ampm", "controller.contact_ramp": 0.03}.items()
-    }
+    changes = {"gait.planner": "ampm", "controller.contact_ramp": 0.03}.items()
+    own |= {key: own_profile(jumps.replace({key: value})).name for key, value in changes}
     special = {name: found for name, found in own.items() if found != DEFAULT.name}
     assert special == {"ipm": "jumps"}  # no other demo, plan or contact may take wider limits
     steps = [{"foot": foot, "x": 0.0, "y": 0.0} for foot in ("left", "right") * 2]

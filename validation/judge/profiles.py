@@ -49,7 +49,7 @@ class Profile:
     leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
 
     def __post_init__(self) -> None:
-        """Remember the name, for :meth:`tolerance`."""
+        """Remember the name, for :func:`find_profile`."""
         _NAMES.add(self.name)
 
     @property
@@ -63,9 +63,7 @@ class Profile:
         return MappingProxyType({item.metric: item.limit_for(scales) for item in self.tolerances})
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
-        """Limit of one metric, None if it is not judged; raises InputError of an unknown profile."""
-        if wrong := metric.tolerances.keys() - _NAMES - {self.name}:
-            raise unknown(min(wrong), sorted(_NAMES), f"profile for a limit of '{metric.name}':")
+        """Limit of one metric, None if it is not judged."""
         if metric.name in self.leaves_out:
             return None
         if self.name in metric.tolerances:
@@ -136,5 +134,6 @@ def find_profile(name: Profile | str) -> Profile:
     if PROFILES.get(found.name, found) != found:
         raise InputError(f"profile '{found.name}' is built in; give yours another name.")
     for metric in METRICS.values():
-        found.tolerance(metric)
+        if wrong := metric.tolerances.keys() - _NAMES - {found.name}:
+            raise unknown(min(wrong), sorted(_NAMES), f"profile for a limit of '{metric.name}':")
     return found

@@ -1,7 +1,7 @@
 """Verdict: metrics compared with a tolerance profile, and the summary of a run."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -191,7 +191,7 @@ def judge(
                 judged=limit is not None and not ended and not math.isnan(value),
             )
         )
-    if why := ended or _misfit(profile.name, metrics.keys(), limits.keys()):
+    if why := ended or _misfit(profile, metrics.keys()):
         return Verdict(VerdictName.NOT_MEASURED, profile.name, why, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
     lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
@@ -206,15 +206,16 @@ def judge(
     return Verdict(verdict, profile.name, reason, tuple(results))
 
 
-def _misfit(profile: str, metrics: Collection[str], limits: Collection[str]) -> str:
-    """Why a profile, with limits for some metrics of a walk, cannot judge it; empty if it can."""
-    if not limits:
-        return f"The profile {profile} has no limits."
-    if profile == "pushed" and "recovery_time" not in metrics:
+def _misfit(profile: Profile, metrics: Set[str]) -> str:
+    """Why a profile cannot judge a walk that has some metrics; empty if it can."""
+    limited = {item.metric for item in profile.tolerances}
+    if limited.isdisjoint(metrics):
+        return f"The profile {profile.name} has no limits."
+    if "recovery_time" in limited - metrics:
         return "Nothing pushed the body off a plan: judge it by another profile."
-    if "velocity_x_error" in metrics and "velocity_x_error" not in limits:
+    if "velocity_x_error" in metrics - limited:
         return "The walk has no plan: judge it by the profile free."
-    if profile == "free" and "velocity_x_error" not in metrics:
+    if "velocity_x_error" in limited - metrics:
         return "The walk has a plan and no commanded velocity: judge it by another profile."
     return ""
 

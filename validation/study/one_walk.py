@@ -10,8 +10,8 @@ from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, plan_walk
 
 
-def walk_request(request: Request, profile: str = "default") -> Trial:
-    """Plan, walk and judge one run of a study; KeyboardInterrupt after Ctrl-C, which leaves no result."""
+def walk_request(request: Request, profile: str | None = None) -> Trial:
+    """Plan, walk and judge one run, by default by its own profile; KeyboardInterrupt after Ctrl-C."""
     trial = walk_planned(plan_walk(request), profile)
     if trial.record.outcome.name == OutcomeName.INTERRUPTED:
         raise KeyboardInterrupt

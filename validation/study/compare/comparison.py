@@ -23,7 +23,6 @@ from ampm.files import absolute, quoted
 from validation.judge.compare import PARTS
 from validation.judge.margins import SATURATED
 from validation.judge.metrics import METRICS, SIZES, added_metrics, cost_entry, display_unit, size_in_si
-from validation.judge.profiles import own_profile
 from validation.judge.uncertainty import Uncertainty, load_uncertainty, matching, rounding
 from validation.show.cost_table import COSTS, cost_limit, cost_unit
 from validation.store.environment import parameter_values
@@ -485,10 +484,9 @@ def compare_gaits(
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
         place = Path(home).resolve()
         walks = {str(place / f"walk-{number}"): request for number, request in enumerate(requests, start=1)}
-        tasks = []
-        for path, request in walks.items():
-            options = {"folder": path, "request": request, "profile": own_profile(request.run).name}
-            tasks.append(Task(path, keep_run, options))
+        tasks = [
+            Task(path, keep_run, {"folder": path, "request": request}) for path, request in walks.items()
+        ]
         for row in walk_many(tasks, **execution):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}
