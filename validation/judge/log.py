@@ -1,9 +1,10 @@
 """A log on clock and floor of a plan: start by cross-correlation, place by the mean ZMP, mean stride."""
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -27,6 +28,65 @@ _STANDS = 1.5  # time without such a force over the plan's longest step, or of a
 _CLIMBS = 0.08  # most rise of a COM over that of the plan's on a way as long, over its height [1]
 _FAR = 1.0  # least such way [m]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
+_LEFT_OUT = 0.01  # share of time or rows whose gaps a full pass may have [1]
+
+
+@dataclass(frozen=True)
+class MeanStride:
+    """The strides of a log whose mean is compared with that of a plan."""
+
+    # RMS over the stride of the standard deviation along x, y, z, by signal: of force [N], ZMP without steady
+    # motion [m] and angular momentum about the COM [N m s]
+    spreads: Mapping[str, Array]
+    spread: Array  # that of the force over the weight, shape (3,) [1]
+    count: int  # strides
+    duration: float  # mean [s]
+    speed: float  # mean along x [m/s], NaN without a place
+    correlation: float  # of their mean with the plan [1]
+
+
+@dataclass(frozen=True)
+class LogFacts:
+    """A log and how it is laid on clock and floor of a plan; in a summary ``log``, without what is None."""
+
+    rows: int  # of the log
+    rate: float  # its usual one [Hz]
+    strides: MeanStride | None  # that the log is the mean of
+    correlation: float | None  # of log and plan where a start was found [1]
+    beside: int | None  # steps of the log before and after the plan whose start was found
+    start: float | None  # of the plan on the log's clock [s]
+    left_out: float  # share of the judged time without force or ZMP [1]
+    empty: float  # share of the judged rows without angular momentum [1]
+    place: tuple[float, float]  # what is added to x and y of the log, for places in the plan's frame [m]
+    from_: float  # first instant that is compared, on the plan's clock [s]
+    until: float  # the last one [s]
+    notes: list[str]  # sentences
+    steps: int | None = None  # of the plan that are whole in the log; None of strides, as the following
+    planned_steps: int | None = None  # all of the plan
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> Self:
+        """Those of a summary, its strides as a mapping."""
+        values: dict[str, Any] = {item.name: entry.get(item.name.rstrip("_")) for item in fields(cls)}
+        return cls(**values)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Entry of a summary."""
+        return {name.rstrip("_"): value for name, value in vars(self).items() if value is not None}
+
+    @property
+    def lacks(self) -> list[str]:
+        """What keeps it from a full pass, beside signals, for a sentence."""
+        found = []
+        if self.left_out > _LEFT_OUT:
+            found.append(f"{100 * self.left_out:.1f} % of the time is left out")
+        if self.empty > _LEFT_OUT:
+            found.append(f"the angular momentum is empty in {100 * self.empty:.1f} % of the rows")
+        if self.beside and (self.steps or 0) < (self.planned_steps or 0):
+            found.append(f"the part that is like the plan lacks {self.beside} of the log's steps")
+        if self.steps == 0:
+            found.append("no step of the plan is whole")
+        return found
 
 
 def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
@@ -133,17 +193,14 @@ def check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
         )
 
 
-def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
+def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
     """Average the strides of a log; each begins when the left foot takes half of the weight.
 
     The mean is taken at equal shares of the strides, and gets the plan's duration and mean speed. NaN is left
     out.
 
     Returns:
-        The mean stride on the clock of the plan; ``count`` of strides, their ``duration`` [s] and ``speed``
-        [m/s], NaN without a place; ``spreads``, the RMS over the stride of the standard deviation of force
-        [N], ZMP without steady motion [m] and angular momentum [N m s]; ``spread``, that of the force over
-        the weight [1]; and the ``correlation`` with the plan [1].
+        The mean stride on the clock of the plan, and of which strides it is.
 
     Raises:
         InputError: the steps of the plan differ, or the log has no whole stride without a gap.
@@ -191,9 +248,10 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, dict[str, Any]]:
         signals[name][:, 0] += plan.constants.mean_velocity * times
     variances = {name: values.var(axis=0, ddof=min(len(bounds) - 1, 1)) for name, values in varied.items()}
     spreads = {name: np.sqrt(values.mean(axis=0)).filled(np.nan) for name, values in variances.items()}
-    facts = {"spreads": spreads, "spread": spreads["force"] / log.weight}
-    facts |= {"count": len(bounds), "duration": duration, "speed": speed, "correlation": correlation}
-    return replace(log, time=times, signals=signals, lost=np.zeros(PHASES), time_step=stride / PHASES), facts
+    found = MeanStride(
+        spreads, spreads["force"] / log.weight, len(bounds), duration, speed, correlation=correlation
+    )
+    return replace(log, time=times, signals=signals, lost=np.zeros(PHASES), time_step=stride / PHASES), found
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:

@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from ampm.walk import LIMITED, SOLVED, UNSOLVED
 from validation.judge.built_in import has_qp
 from validation.judge.compare import SIGNALS, Comparison
+from validation.judge.log import LogFacts
 from validation.judge.metrics import METRICS, added_metrics, display_unit
 from validation.judge.profiles import DEFAULT, Profile
 from validation.judge.uncertainty import Uncertainty
@@ -28,9 +29,6 @@ class VerdictName(StrEnum):
     UNDECIDED = "undecided"
     PARTIAL = "partial"
     NOT_MEASURED = "not_measured"
-
-
-_LEFT_OUT = 0.01  # share of a log's time or rows whose gaps a full pass may have [1]
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,7 @@ def judge(
     uncertainty: Uncertainty | None = None,
     *,
     ended: str = "",
-    log: Mapping[str, Any] | None = None,
+    log: LogFacts | None = None,
 ) -> Verdict:
     """Compare metrics with a profile; those of a walk that did not complete are reported, not judged.
 
@@ -167,11 +165,9 @@ def judge(
         uncertainty: a metric whose distance to its tolerance is below its numerical uncertainty, or its
             spread over contact laws, is undecided.
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
-        log: facts of the log if another instrument measured, which may lack signals, a whole step, or
-            ``left_out``, a share of the time, and may take other steps ``beside`` the plan: they are named.
-            It checks no measurement by another.
+        log: given if another instrument measured, which may lack signals or what :attr:`LogFacts.lacks`
+            names. It checks no measurement by another.
     """
-    is_log = log is not None
     limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
     known = uncertainty or Uncertainty("", 0, {})
     results = []
@@ -194,10 +190,10 @@ def judge(
     if why := ended or _misfit(profile, metrics.keys()):
         return Verdict(VerdictName.NOT_MEASURED, profile.name, why, tuple(results))
     missing = [name for name in limits if math.isnan(metrics[name])]
-    lacking = [name for name in missing if not (is_log and METRICS[name].kind == "instrument")]
+    lacking = [name for name in missing if log is None or METRICS[name].kind != "instrument"]
     own = {metric.name for metric in added_metrics()}
-    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log or {})
-    if verdict is VerdictName.NOT_MEASURED and not is_log and not own.issuperset(lacking):
+    verdict, reason = _conclude(results, lacking, len(limits) - len(missing), log)
+    if verdict is VerdictName.NOT_MEASURED and log is None and not own.issuperset(lacking):
         reason += f" Walk longer {'after the push' if 'recovery_time' in lacking else 'than a step'}."
     if checks := len(missing) - len(lacking):
         reason += f" Checks of the measurement that were not made: {checks}."
@@ -221,9 +217,9 @@ def _misfit(profile: Profile, metrics: Set[str]) -> str:
 
 
 def _conclude(
-    results: Sequence[MetricResult], missing: list[str], limits: int, log: Mapping[str, Any]
+    results: Sequence[MetricResult], missing: list[str], limits: int, log: LogFacts | None
 ) -> tuple[VerdictName, str]:
-    """Verdict and its reason; ``limits`` is how many were measured, and ``log`` is empty for a walk."""
+    """Verdict and its reason; ``limits`` is how many were measured, and a walk has no ``log``."""
 
     def against(item: MetricResult) -> str:
         return f"{item.label}: {item.against}"
@@ -249,15 +245,8 @@ def _conclude(
         return VerdictName.FAIL, reason + unknown
     were = "was" if len(signals) == 1 else "were"
     lacks = [f"{' and '.join(signals)} {were} not measured"] if missing else []
-    if (left_out := log.get("left_out", 0.0)) > _LEFT_OUT:
-        lacks.append(f"{100 * left_out:.1f} % of the time is left out")
-    if (empty := log.get("empty", 0.0)) > _LEFT_OUT:
-        lacks.append(f"the angular momentum is empty in {100 * empty:.1f} % of the rows")
-    if log.get("beside") and log["steps"] < log["planned_steps"]:
-        lacks.append(f"the part that is like the plan lacks {log['beside']} of the log's steps")
-    if log.get("steps") == 0:
-        lacks.append("no step of the plan is whole")
-    if lacks and log and passed and not undecided:
+    lacks += [] if log is None else log.lacks
+    if lacks and log is not None and passed and not undecided:
         lack = ", and ".join(lacks)
         return VerdictName.PARTIAL, f"Pass on {len(passed)} of {limits + len(missing)}; {lack}."
     if missing:
@@ -332,9 +321,10 @@ def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "")
         return {name: float(item[key]) for name, item in entries.items() if item.get(key) is not None}
 
     metrics, known = {**dict.fromkeys(entries, math.nan), **of("value")}, None
+    log = LogFacts.of(summary["log"]) if "log" in summary else None
     if study := summary.get("uncertainty"):
         known = Uncertainty(study["gait"], study["steps"], of("uncertainty"), of("spread"))
-    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, log=summary.get("log"))
+    verdict = judge(metrics, profile, summary["scales"], known, ended=ended, log=log)
     return dict(json_ready({**summary, **_entries(verdict)}))
 
 

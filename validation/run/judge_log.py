@@ -15,7 +15,16 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import misspelt
 from ampm.walk import WalkPlan
 from validation.judge.compare import SIGNALS, compare
-from validation.judge.log import PHASES, check_climb, find_place, find_start, mean_stride, steps_beside
+from validation.judge.log import (
+    PHASES,
+    LogFacts,
+    MeanStride,
+    check_climb,
+    find_place,
+    find_start,
+    mean_stride,
+    steps_beside,
+)
 from validation.judge.metrics import added_metrics, display_unit, evaluate
 from validation.judge.profiles import Profile, find_profile, own_profile
 from validation.judge.verdict import judge_summary
@@ -82,6 +91,7 @@ def judge_log(
         raise InputError(
             "planner none makes no plan for a log; leave out gait.planner, or give another --plan."
         )
+    profile = find_profile(own_profile(request.run))
     if idle := [key for key in request.changed if key.partition(".")[0] in _OF_WALKS]:
         progress.say(f"a log is not walked, and does not use: {', '.join(idle)}")
     signals, name = log_columns(table, columns)
@@ -95,16 +105,17 @@ def judge_log(
         log, facts = _aligned(raw, reference, start, place, strides=strides)
         measured = measure_log(log, reference.mass, reference.gravity)
         steps, planned_steps = _steps(log, reference), reference.contacts.steps
-        facts |= {} if strides else {"steps": steps, "planned_steps": planned_steps}
         comparison = compare(reference, log_record(log, measured, steps), measured, counts=log.counts)
         values = evaluate(comparison)
-        if strides:  # which are compared over their share
+        if facts.strides is None:
+            facts = replace(facts, steps=steps, planned_steps=planned_steps)
+        else:  # strides are compared over their share
             stride = 2.0 * reference.constants.step_duration
-            values["stride_duration_error"] = abs(facts["strides"]["duration"] / stride - 1.0)
+            values["stride_duration_error"] = abs(facts.strides.duration / stride - 1.0)
     part = f"{steps} of {planned_steps} steps of " if steps < planned_steps and not strides else ""
     planned = replace(planned, request=replace(planned.request, name=f"{log.name} on {part}{planned.name}"))
-    extra = {"log": facts} | ({"planner": planned.planner} if planned.planner else {})
-    return Trial(planned, comparison, MappingProxyType(values), own_profile(request.run), seconds, extra)
+    extra = {"planner": planned.planner} if planned.planner else {}
+    return Trial(planned, comparison, MappingProxyType(values), profile, seconds, extra, log=facts)
 
 
 def judge_run(directory: str | Path, profile: Profile | str | None = None) -> SavedRun:
@@ -179,40 +190,29 @@ def _check_phases(log: Log, plan: WalkPlan) -> None:
 
 def _aligned(
     log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
-) -> tuple[Log, dict[str, Any]]:
-    """A log on clock and floor of a plan, and what was done to it: numbers [SI], and sentences."""
+) -> tuple[Log, LogFacts]:
+    """A log on clock and floor of a plan, and what was done to it."""
     if log.duration < LEAST_JUDGED:
         raise InputError(
             f"{log.name} lasts {log.duration:.3g} s, and needs {LEAST_JUDGED:g} s; give a longer log."
         )
-    facts: dict[str, Any] = {"rows": log.time.size, "rate": 1.0 / log.time_step}
-    raw, notes = log, _notes_on_rows(log)
+    raw, notes, mean, correlation, beside = log, _notes_on_rows(log), None, None, None
     if strides:
         check_climb(log, plan, np.linspace(plan.judged_from, plan.duration, PHASES))
-        log, facts["strides"] = mean_stride(log, plan)
-        notes.append(_note_on_strides(facts["strides"], plan, log.weight))
+        log, mean = mean_stride(log, plan)
+        notes.append(_note_on_strides(mean, plan, log.weight))
     else:
         if start is None:
-            start, facts["correlation"] = find_start(log, plan)
-            notes.append(
-                f"The plan begins at {start:z.4f} s of the log, by correlation ({facts['correlation']:.3f})."
-            )
-            beside = facts["beside"] = steps_beside(log, start - log.time_step, start + plan.duration)
+            start, correlation = find_start(log, plan)
+            notes.append(f"The plan begins at {start:z.4f} s of the log, by correlation ({correlation:.3f}).")
+            beside = steps_beside(log, start - log.time_step, start + plan.duration)
             if beside:
                 notes.append(f"Steps of the log before and after the plan, which are not judged: {beside}.")
-        facts["start"] = start
         time = log.time - start
         log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
-    judged = log.rows(log.time >= plan.judged_from - 1e-9)
-    if not judged.time.size or judged.duration < LEAST_JUDGED:
-        span = judged.duration if judged.time.size else 0.0
-        raise InputError(
-            f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {LEAST_JUDGED:g} s, "
-            f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
-            f"{facts.get('start', 0.0):.6g} s; give a longer log, or another start (--start)."
-        )
+    judged = _judged(log, plan, start or 0.0)
     late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
-    facts |= _missing(raw if strides else judged, late, strides=strides)
+    left_out, empty = _missing(raw if strides else judged, late, strides=strides)
     _check_phases(judged, plan)
     if not strides:
         check_climb(judged, plan, judged.time)
@@ -229,12 +229,38 @@ def _aligned(
         notes.append(
             f"Its way is turned by {abs(math.degrees(turn)):.2f} degrees to the {side} of the plan's."
         )
-    facts |= {"place": by.tolist(), "from": float(log.time[0]), "until": float(log.time[-1])}
     notes.append(
         f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s, and "
         f"judged from {judged.time[0]:.3f} s."
     )
-    return log.moved(by), {**facts, "notes": notes}
+    facts = LogFacts(
+        rows=raw.time.size,
+        rate=1.0 / raw.time_step,
+        strides=mean,
+        correlation=correlation,
+        beside=beside,
+        start=start,
+        left_out=left_out,
+        empty=empty,
+        place=(float(by[0]), float(by[1])),
+        from_=float(log.time[0]),
+        until=float(log.time[-1]),
+        notes=notes,
+    )
+    return log.moved(by), facts
+
+
+def _judged(log: Log, plan: WalkPlan, start: float) -> Log:
+    """The judged rows of a log on the clock of a plan, which began at ``start`` [s]; refused if too few."""
+    judged = log.rows(log.time >= plan.judged_from - 1e-9)
+    span = judged.duration if judged.time.size else 0.0
+    if span < LEAST_JUDGED:
+        raise InputError(
+            f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {LEAST_JUDGED:g} s, "
+            f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
+            f"{start:.6g} s; give a longer log, or another start (--start)."
+        )
+    return judged
 
 
 def _notes_on_rows(log: Log) -> list[str]:
@@ -252,23 +278,23 @@ def _notes_on_rows(log: Log) -> list[str]:
     return [*notes, log.unsupported] if log.unsupported else notes
 
 
-def _note_on_strides(mean: Mapping[str, Any], plan: WalkPlan, weight: float) -> str:
-    """A sentence on the facts of :func:`mean_stride`, for a body with a weight [N]."""
+def _note_on_strides(mean: MeanStride, plan: WalkPlan, weight: float) -> str:
+    """A sentence on the strides of a log, for a body with a weight [N]."""
     spreads = []
-    for name, values in mean["spreads"].items() if mean["count"] > 1 else ():
+    for name, values in mean.spreads.items() if mean.count > 1 else ():
         factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, weight)
         numbers = "/".join(f"{factor * value:.3g}" for value in values)
         spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
     return (
-        f"Mean of {mean['count']} stride{'s' * (mean['count'] > 1)} of {mean['duration']:.4g} s at "
-        f"{mean['speed']:.3g} m/s, over the share of the stride; the plan's have "
+        f"Mean of {mean.count} stride{'s' * (mean.count > 1)} of {mean.duration:.4g} s at "
+        f"{mean.speed:.3g} m/s, over the share of the stride; the plan's have "
         f"{2.0 * plan.constants.step_duration:.4g} s and {plan.constants.mean_velocity:.3g} m/s."
         + f" Standard deviation between strides, x/y/z: {', '.join(spreads)}."
         * bool(spreads)
     )
 
 
-def _missing(log: Log, late: float, *, strides: bool) -> dict[str, float]:
+def _missing(log: Log, late: float, *, strides: bool) -> tuple[float, float]:
     """Shares of a log's time that are left out, and of its rows without angular momentum [1].
 
     It begins ``late`` [s]. Of strides the time is left out, too, while nothing carries the body.
@@ -277,4 +303,4 @@ def _missing(log: Log, late: float, *, strides: bool) -> dict[str, float]:
     light = log.counts @ (log.signals["force"][:, 2] < LOADED * log.weight) if strides else 0.0
     empty = np.isnan(log.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
     left_out = (lost + log.time_step * light) / (log.duration + lost)
-    return {"left_out": float(left_out), "empty": float(empty.mean())}
+    return float(left_out), float(empty.mean())

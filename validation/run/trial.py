@@ -12,6 +12,7 @@ from ampm.parameters import RunParameters
 from ampm.run_file import dump_run
 from ampm.walk import WalkPlan
 from validation.judge.compare import Comparison
+from validation.judge.log import LogFacts
 from validation.judge.profiles import Profile, find_profile
 from validation.judge.signals import kept_rows, signals_table
 from validation.judge.uncertainty import Uncertainty
@@ -44,6 +45,7 @@ class Trial(Tabled):
     seconds: Mapping[str, float]  # wall-clock time of `simulation`, `measurement` and `planning`
     extra: Mapping[str, Any]  # entries of the summary beside the usual ones, such as a controller's name
     uncertainty: Uncertainty | None = None  # of the metrics, from a convergence study
+    log: LogFacts | None = None  # of which log it is, if it is no walk
 
     def __repr__(self) -> str:
         """Gait, steps, outcome and verdict."""
@@ -56,8 +58,8 @@ class Trial(Tabled):
     @cached_property
     def verdict(self) -> Verdict:
         """By the profile; ``verdict.passed``: every tolerance is met."""
-        scales, ended, log = self.comparison.scales, self.record.outcome.ending, self.extra.get("log")
-        return judge(self.values, self.profile, scales, self.uncertainty, ended=ended, log=log)
+        scales, ended = self.comparison.scales, self.record.outcome.ending
+        return judge(self.values, self.profile, scales, self.uncertainty, ended=ended, log=self.log)
 
     @property
     def sentence(self) -> str:
@@ -114,6 +116,7 @@ class Trial(Tabled):
             motion=self.plan.posture.report(),
             memory_peak={"value": memory_peak(), "unit": "MB"},
             **({} if known is None else {"uncertainty": {"gait": known.gait, "steps": known.steps}}),
+            **({} if self.log is None else {"log": self.log.as_dict()}),
             **self.extra,
         )
 
