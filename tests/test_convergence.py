@@ -43,7 +43,7 @@ def row(run, *, offset=0.0, impeded=0.0):
     """A walk whose metrics are formulas: known order in the time step, known dependence on the rest."""
     h, tolerance = run.simulation.time_step, run.solver.tolerance
     hard = impeded if run.contact.impedance_min > 0.8 else 0.0
-    values = dict.fromkeys((item.metric for item in DEFAULT.tolerances), 0.0) | {
+    values = dict.fromkeys(DEFAULT.tolerances, 0.0) | {
         "zmp_x_rmse": 1e-3 + offset + 0.2 * h + 1e-2 * tolerance + hard,
         "zmp_x_maximum": 5e-3 + h,  # an extreme is never extrapolated, however well it converges
         "force_x_rmse": 2.0 + 0.1 * math.cos(math.pi * math.log2(h / 2e-3)),

@@ -60,7 +60,7 @@ def test_a_perfect_walk_passes_the_strict_profile(walk):
 
 
 def test_a_limit_of_zero_may_be_the_only_one(walk):
-    leaves_out = tuple(item.metric for item in DEFAULT.tolerances if item.limit)
+    leaves_out = tuple(name for name, item in DEFAULT.tolerances.items() if item.limit)
     verdict = verdict_of(compared(walk), Profile("zero", DEFAULT, leaves_out))
     assert verdict.passed
     assert all(item.tolerance == 0.0 for item in verdict.judged)
@@ -151,7 +151,7 @@ def test_limits_grow_with_foot_and_weight():
     """Those of the default body are exact; half as long a foot halves those of lengths."""
     sole = sole_geometry(1.70)
     assert {"body_weight": 60.0 * 9.81, "foot_length": sole.length} == DEFAULT_BODY
-    limits = {item.metric: item for item in DEFAULT.tolerances}
+    limits = DEFAULT.tolerances
     half = {"body_weight": 0.5 * DEFAULT_BODY["body_weight"], "foot_length": 0.5 * sole.length}
     found = {name: limits[name].limit_for(half) for name in ("zmp_x_rmse", "com_agreement_maximum")}
     assert found == {"zmp_x_rmse": 1.25e-3, "com_agreement_maximum": 1e-9}
@@ -174,7 +174,7 @@ def test_profiles_are_found_by_name_and_by_run():
     assert own_profile(over_footsteps).name == "footsteps"
     estimating = own_profile(over_footsteps.replace({"sensors.estimator": "kalman"}))
     limits, steps_limits, odometry = (
-        {item.metric: item.limit for item in find_profile(profile).tolerances}
+        {name: item.limit for name, item in find_profile(profile).tolerances.items()}
         for profile in (estimating, "footsteps", "odometry")
     )
     of_steps = {name: steps_limits[name] for name in ("angular_momentum_x_rmse", "angular_momentum_y_rmse")}

@@ -25,7 +25,6 @@ from validation.trial.disturbances import Disturbance, Push, pushes_of
 class Tolerance:
     """One limit and its reason."""
 
-    metric: str  # name in `METRICS`
     limit: float  # largest value that passes, in `unit`
     unit: str  # the metric's, or one that grows with the body: `body weight`, `foot length`, `foot momentum`
     reason: str  # why this number, one or two sentences
@@ -53,14 +52,14 @@ class Profile:
         _NAMES.add(self.name)
 
     @property
-    def tolerances(self) -> tuple[Tolerance, ...]:
-        """Limits of all judged metrics, in the order in which they are reported."""
-        found = (self.tolerance(metric) for metric in METRICS.values())
-        return tuple(item for item in found if item is not None)
+    def tolerances(self) -> Mapping[str, Tolerance]:
+        """Limits of all judged metrics by name, in the order in which they are reported."""
+        found = {name: self.tolerance(metric) for name, metric in METRICS.items()}
+        return {name: item for name, item in found.items() if item is not None}
 
     def limits(self, scales: Mapping[str, Any]) -> Mapping[str, Any]:
         """Limits of all judged metrics in SI units, by name."""
-        return MappingProxyType({item.metric: item.limit_for(scales) for item in self.tolerances})
+        return MappingProxyType({name: item.limit_for(scales) for name, item in self.tolerances.items()})
 
     def tolerance(self, metric: Metric) -> Tolerance | None:
         """Limit of one metric, None if it is not judged."""
@@ -68,7 +67,7 @@ class Profile:
             return None
         if self.name in metric.tolerances:
             unit = metric.tolerance_unit or metric.unit
-            return Tolerance(metric.name, metric.tolerances[self.name], unit, metric.reason)
+            return Tolerance(metric.tolerances[self.name], unit, metric.reason)
         return self.base.tolerance(metric) if self.base is not None else None
 
 

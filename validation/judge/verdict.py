@@ -168,7 +168,7 @@ def judge(
         log: given if another instrument measured, which may lack signals or what :attr:`LogFacts.lacks`
             names. It checks no measurement by another.
     """
-    limits = {item.metric: item for item in profile.tolerances if item.metric in metrics}
+    limits = {name: item for name, item in profile.tolerances.items() if name in metrics}
     known = uncertainty or Uncertainty("", 0, {})
     results = []
     for name in dict.fromkeys([*limits, *metrics]):
@@ -204,7 +204,7 @@ def judge(
 
 def _misfit(profile: Profile, metrics: Set[str]) -> str:
     """Why a profile cannot judge a walk that has some metrics; empty if it can."""
-    limited = {item.metric for item in profile.tolerances}
+    limited = profile.tolerances.keys()
     if limited.isdisjoint(metrics):
         return f"The profile {profile.name} has no limits."
     if "recovery_time" in limited - metrics:

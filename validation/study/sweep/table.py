@@ -8,7 +8,7 @@ import json
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cached_property
 from itertools import islice
@@ -188,7 +188,7 @@ class SweepTable(Tabled):
     @cached_property
     def limits(self) -> Mapping[str, Tolerance]:
         """Tolerances by metric, in the profile's order."""
-        return {name: Tolerance(name, **entry) for name, entry in self.metadata["tolerances"].items()}
+        return {name: Tolerance(**entry) for name, entry in self.metadata["tolerances"].items()}
 
     def label(self, metric: str) -> str:
         """Readable name of a metric, as it was when the sweep walked."""
@@ -321,10 +321,7 @@ def table_metadata(definition: SweepDefinition) -> dict[str, Any]:
         "runs": len(definition),
         "varied": list(definition.keys),
         "profile": profile.name,
-        "tolerances": {
-            item.metric: {"limit": item.limit, "unit": item.unit, "reason": item.reason}
-            for item in profile.tolerances
-        },
+        "tolerances": {name: asdict(item) for name, item in profile.tolerances.items()},
         "labels": {item.name: item.label for item in METRICS.values()},
         "environment": {**describe_environment(), "code": code_hash()},
     }
