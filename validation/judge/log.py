@@ -13,10 +13,11 @@ from scipy.signal import correlate, detrend, find_peaks
 from ampm.exceptions import InputError
 from ampm.geometry import Array, Flags
 from ampm.walk import WalkPlan
+from validation.judge.compare import SIGNALS
+from validation.judge.metrics import display_unit
 from validation.measure.log import HOLE, LOADED, PLACES, Log
 
-PHASES = 200
-"""Instants of the mean stride."""
+_PHASES = 200  # instants of the mean stride
 _GRID = 0.005  # of the cross-correlation [s]
 _NEAR = 20  # intervals of it on both sides of its maximum in which the start is searched
 _CONSTANT = 1e-3  # standard deviation below which a planned signal is constant and tells no time
@@ -28,6 +29,9 @@ _STANDS = 1.5  # time without such a force over the plan's longest step, or of a
 _CLIMBS = 0.08  # most rise of a COM over that of the plan's on a way as long, over its height [1]
 _FAR = 1.0  # least such way [m]
 _REPEATED = 1e-6  # difference of the forces of equal strides, over the weight [1]
+_LEAST_JUDGED = 0.5  # that a log must share with the judged steps of a plan, about that of a step [s]
+_KNOWN = 0.5  # least share of one kind of phase that a log has, over that of the other kind [1]
+_UNEVEN = 0.01  # share of time between rows farther apart than most from which it is told [1]
 _LEFT_OUT = 0.01  # share of time or rows whose gaps a full pass may have [1]
 
 
@@ -61,8 +65,8 @@ class LogFacts:
     from_: float  # first instant that is compared, on the plan's clock [s]
     until: float  # the last one [s]
     notes: list[str]  # sentences
-    steps: int | None = None  # of the plan that are whole in the log; None of strides, as the following
-    planned_steps: int | None = None  # all of the plan
+    steps: int | None  # of the plan that are whole in the log; None of strides, as the following
+    planned_steps: int | None  # all of the plan
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
@@ -89,7 +93,152 @@ class LogFacts:
         return found
 
 
-def find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
+def align(
+    log: Log, plan: WalkPlan, start: float | None, place: tuple[float, float] | None, *, strides: bool
+) -> tuple[Log, LogFacts]:
+    """Lay a log, or the mean of its strides, on clock and floor of a plan.
+
+    Start [s] and place, what to add to x and y [m], are found if None. Raises :class:`InputError` if the log
+    is too short, or unlike the plan.
+    """
+    if log.duration < _LEAST_JUDGED:
+        raise InputError(
+            f"{log.name} lasts {log.duration:.3g} s, and needs {_LEAST_JUDGED:g} s; give a longer log."
+        )
+    raw, notes, mean, correlation, beside = log, _notes_on_rows(log), None, None, None
+    if strides:
+        _check_climb(log, plan, np.linspace(plan.judged_from, plan.duration, _PHASES))
+        log, mean = _mean_stride(log, plan)
+        notes.append(_note_on_strides(mean, plan, log.weight))
+    else:
+        if start is None:
+            start, correlation = _find_start(log, plan)
+            notes.append(f"The plan begins at {start:z.4f} s of the log, by correlation ({correlation:.3f}).")
+            beside = _steps_beside(log, start - log.time_step, start + plan.duration)
+            if beside:
+                notes.append(f"Steps of the log before and after the plan, which are not judged: {beside}.")
+        time = log.time - start
+        log = replace(log, time=time).rows((time >= 0.0) & (time <= plan.duration + 1e-9))
+    judged = _judged(log, plan, start or 0.0)
+    late = judged.time[0] - max(plan.judged_from, log.time[0])  # of a gap over the begin
+    left_out, empty = _missing(raw if strides else judged, late, strides=strides)
+    _check_phases(judged, plan)
+    if not strides:
+        _check_climb(judged, plan, judged.time)
+    by, mean_of, turn = _find_place(judged, plan)
+    if place is not None:
+        by = np.array(place)
+    elif mean_of:
+        notes.append(
+            f"The log is moved by {by[0]:.4g} m along x and {by[1]:.4g} m along y, to the mean of the plan's "
+            f"{mean_of}: its bias is not judged."
+        )
+    if mean_of and not strides:
+        side = "left" if turn > 0.0 else "right"
+        notes.append(
+            f"Its way is turned by {abs(math.degrees(turn)):.2f} degrees to the {side} of the plan's."
+        )
+    notes.append(
+        f"{log.time.size} instants of the plan are compared, {log.time[0]:.3f} to {log.time[-1]:.3f} s, and "
+        f"judged from {judged.time[0]:.3f} s."
+    )
+    facts = LogFacts(
+        rows=raw.time.size,
+        rate=1.0 / raw.time_step,
+        strides=mean,
+        correlation=correlation,
+        beside=beside,
+        start=start,
+        left_out=left_out,
+        empty=empty,
+        place=(float(by[0]), float(by[1])),
+        from_=float(log.time[0]),
+        until=float(log.time[-1]),
+        notes=notes,
+        steps=None if strides else whole_steps(log, plan),
+        planned_steps=None if strides else plan.contacts.steps,
+    )
+    return log.moved(by), facts
+
+
+def _judged(log: Log, plan: WalkPlan, start: float) -> Log:
+    """The judged rows of a log on the clock of a plan, which began at ``start`` [s]; refused if too few."""
+    judged = log.rows(log.time >= plan.judged_from - 1e-9)
+    span = judged.duration if judged.time.size else 0.0
+    if span < _LEAST_JUDGED:
+        raise InputError(
+            f"{log.name} has {judged.time.size} rows over {span:.3g} s, and needs {_LEAST_JUDGED:g} s, "
+            f"between {plan.judged_from:.4g} and {plan.duration:.4g} s of the plan, which begins at "
+            f"{start:.6g} s; give a longer log, or another start (--start)."
+        )
+    return judged
+
+
+def _missing(log: Log, late: float, *, strides: bool) -> tuple[float, float]:
+    """Shares of a log's time that are left out, and of its rows without angular momentum [1].
+
+    It begins ``late`` [s]. Of strides the time is left out, too, while nothing carries the body.
+    """
+    lost = log.lost[1:].sum() + min(log.lost[0], max(late, 0.0))
+    light = log.counts @ (log.signals["force"][:, 2] < LOADED * log.weight) if strides else 0.0
+    empty = np.isnan(log.signals.get("angular_momentum", np.zeros((1, 3)))).any(axis=1)
+    left_out = (lost + log.time_step * light) / (log.duration + lost)
+    return float(left_out), float(empty.mean())
+
+
+def _check_phases(log: Log, plan: WalkPlan) -> None:
+    """Refuse a log that lacks most of one kind of phase, between its first and last row."""
+    time = np.arange(log.time[0], log.time[-1] + 0.5 * log.time_step, log.time_step)
+    late = np.searchsorted(log.time, time).clip(1, log.time.size - 1)
+    apart = np.minimum(np.abs(time - log.time[late - 1]), np.abs(time - log.time[late]))
+    phases = plan.sample(np.minimum(time, plan.duration)).phase_name
+    known = {str(kind): float((apart < log.time_step)[phases == kind].mean()) for kind in np.unique(phases)}
+    if min(known.values()) < _KNOWN * max(known.values()):
+        kinds = " and ".join(f"{100 * share:.0f} % of the {kind}s" for kind, share in known.items())
+        way_out = "give a log without such gaps"
+        if log.signals.keys() & {"left_force", "right_force"}:
+            way_out = "fill its empty cells, with 0 for force and torque of a foot in the air"
+        raise InputError(f"{log.name} has force and ZMP in {kinds.replace('_', ' ')} of the plan; {way_out}.")
+
+
+def _notes_on_rows(log: Log) -> list[str]:
+    """Sentences on rate, force and gaps of a log."""
+    share = float(log.signals["force"][:, 2].mean()) / log.weight
+    notes = [
+        f"{log.name}: {log.time.size} rows at {1.0 / log.time_step:.4g} Hz; the mean vertical force is "
+        f"{100 * share:.1f} % of the plan's weight."
+    ]
+    if (gaps := log.lost[1:][log.lost[1:] > 0.0]).size:
+        of = f"{gaps.size} of {gaps.sum():.3g} s in all, the longest {gaps.max():.3g} s"
+        notes.append(f"Gaps that are left out: {of}.")
+    if (counts := log.counts)[counts > 1.0].sum() > _UNEVEN * counts.sum():
+        notes.append("A row counts for the time until the next: give a log of one rate if it has several.")
+    return [*notes, log.unsupported] if log.unsupported else notes
+
+
+def _note_on_strides(mean: MeanStride, plan: WalkPlan, weight: float) -> str:
+    """A sentence on the strides of a log, for a body with a weight [N]."""
+    spreads = []
+    for name, values in mean.spreads.items() if mean.count > 1 else ():
+        factor, unit = display_unit(SIGNALS[f"{name}_x"].unit, weight)
+        numbers = "/".join(f"{factor * value:.3g}" for value in values)
+        spreads.append(f"{SIGNALS[f'{name}_x'].quantity} {numbers} {unit}")
+    return (
+        f"Mean of {mean.count} stride{'s' * (mean.count > 1)} of {mean.duration:.4g} s at "
+        f"{mean.speed:.3g} m/s, over the share of the stride; the plan's have "
+        f"{2.0 * plan.constants.step_duration:.4g} s and {plan.constants.mean_velocity:.3g} m/s."
+        + f" Standard deviation between strides, x/y/z: {', '.join(spreads)}."
+        * bool(spreads)
+    )
+
+
+def whole_steps(log: Log, plan: WalkPlan) -> int:
+    """Steps of the plan within a log; at its ends it may lack as little time as is no gap."""
+    ends, near = np.array([0.0, *plan.contacts.step_ends]), max(2.0 * log.time_step, HOLE)
+    return int(np.count_nonzero((ends[:-1] >= log.time[0] - near) & (ends[1:] <= log.time[-1] + near)))
+
+
+def _find_start(log: Log, plan: WalkPlan) -> tuple[float, float]:
     """Where a plan begins in a log [s], by correlation of force and lateral ZMP, and the correlation [1].
 
     Each signal is divided by its standard deviation in the plan. If several strides fit alike, the middle one
@@ -160,7 +309,7 @@ def _centred(values: Array) -> Array:
     return np.nan_to_num(values - np.nanmean(values, axis=0))
 
 
-def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
+def _find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
     """Shift that gives a log's places the plan's mean (2,) [m], of ``ZMP`` or ``COM``, and turn of its path.
 
     The turn is to the left of the plan's path [rad]. Of a log without places the name is empty.
@@ -174,7 +323,7 @@ def find_place(log: Log, plan: WalkPlan) -> tuple[Array, str, float]:
     return np.zeros(2), "", 0.0
 
 
-def check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
+def _check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
     """Refuse a COM that climbs or sinks, in the mean, unlike the plan's at some times [s]."""
     com = log.signals.get("com", np.empty((0, 3)))
     com = com[np.isfinite(com).all(axis=1)]
@@ -193,7 +342,7 @@ def check_climb(log: Log, plan: WalkPlan, times: Array) -> None:
         )
 
 
-def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
+def _mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
     """Average the strides of a log; each begins when the left foot takes half of the weight.
 
     The mean is taken at equal shares of the strides, and gets the plan's duration and mean speed. NaN is left
@@ -205,7 +354,7 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
     Raises:
         InputError: the steps of the plan differ, or the log has no whole stride without a gap.
     """
-    stride, phases = 2.0 * plan.constants.step_duration, np.arange(PHASES) / PHASES
+    stride, phases = 2.0 * plan.constants.step_duration, np.arange(_PHASES) / _PHASES
     times = plan.judged_from + stride * phases
     two = plan.sample(np.minimum([times, times + stride], plan.duration).ravel()).force.reshape(2, -1, 3)
     if times[-1] + stride > plan.duration or np.ptp(two, axis=0).max() > _REPEATED * plan.weight:
@@ -238,10 +387,12 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
             varied[name] = curves[name] + detrend(middle, axis=0)
     mean = {name: values.mean(axis=0).filled(np.nan) for name, values in curves.items()}
     tiled = {name: np.concatenate(3 * [values]) for name, values in mean.items()}
-    clock = stride * np.arange(3 * PHASES) / PHASES
+    clock = stride * np.arange(3 * _PHASES) / _PHASES
     for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan
         tiled[name][:, 0] += plan.constants.mean_velocity * clock
-    start, correlation = find_start(replace(log, time=clock, signals=tiled, lost=np.zeros(3 * PHASES)), plan)
+    start, correlation = _find_start(
+        replace(log, time=clock, signals=tiled, lost=np.zeros(3 * _PHASES)), plan
+    )
     phases *= stride
     signals = {name: interp(times + start, phases, values, period=stride) for name, values in mean.items()}
     for name in PLACES & signals.keys():
@@ -251,7 +402,9 @@ def mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
     found = MeanStride(
         spreads, spreads["force"] / log.weight, len(bounds), duration, speed, correlation=correlation
     )
-    return replace(log, time=times, signals=signals, lost=np.zeros(PHASES), time_step=stride / PHASES), found
+    return replace(
+        log, time=times, signals=signals, lost=np.zeros(_PHASES), time_step=stride / _PHASES
+    ), found
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:
@@ -286,7 +439,7 @@ def left_share(log: Log) -> Array:
     return np.where(vertical >= LOADED * log.weight, share, np.nan)
 
 
-def steps_beside(log: Log, begin: float, end: float) -> int:
+def _steps_beside(log: Log, begin: float, end: float) -> int:
     """How often the load goes from foot to foot before one time [s] and after another."""
     share = left_share(log)
     taken = np.concatenate([take_overs(log.time, one) for one in (share, 1.0 - share)])
