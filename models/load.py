@@ -6,20 +6,12 @@ of the world, x where the feet point.
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import product
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ampm.description import (
-    SOLE_POINT_GROUPS,
-    BodyDescription,
-    LegDescription,
-    Passive,
-    SoleGeometry,
-    UprightLegs,
-)
+from ampm.description import BodyDescription, LegDescription, Passive, SoleGeometry, UprightLegs
 from ampm.exceptions import InputError
 from ampm.geometry import Array
 from ampm.parameters import HUMAN, RunParameters
@@ -41,9 +33,6 @@ _LARGEST_RANGE = 4.0 * math.pi  # of a joint of a leg [rad]: more is in degrees
 _TALLEST = 3.0  # stature, as of body.height [m]
 _DRY = (0.001, 1.0)  # solreffriction: MuJoCo's default makes dry friction viscous at slow rates [s, 1]
 _THIN = 0.005  # least half axis of a segment's shape [m]
-_POINTS = product(scene.SIDES, SOLE_POINT_GROUPS, scene.SIDES)
-_RESERVED = frozenset({"root", "imu", "universe", "left_sole", "right_sole", *map("_".join, _POINTS)})
-"""Names of the joints and frames that are added to every body."""
 
 
 class _Leg(NamedTuple):
@@ -79,9 +68,9 @@ class Writer:
 
     def __init__(self, tree: Tree) -> None:
         self.tree, self.file = tree, tree.file
-        if taken := sorted(_RESERVED.intersection(tree.hinges)):
+        if taken := sorted(scene.ADDED_NAMES.intersection(tree.hinges)):
             raise InputError(f"joints have names that ampm needs: {', '.join(taken)}; rename them.")
-        others = _RESERVED.union(tree.hinges)  # Pinocchio has one set of names for all
+        others = scene.ADDED_NAMES.union(tree.hinges)  # Pinocchio has one set of names for all
         self.names = {s: f"{s.name}_segment" if s.name in others else s.name for s in tree.segments}
         self._find_legs()
 

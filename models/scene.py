@@ -16,6 +16,11 @@ from ampm.geometry import Array
 from ampm.parameters import GRAVITY, RunParameters
 
 SIDES = ("left", "right")
+ADDED_NAMES = frozenset(
+    {"root", "imu", "universe", *(f"{side}_sole" for side in SIDES)}
+    | {f"{side}_{group}_{edge}" for side in SIDES for group in SOLE_POINT_GROUPS for edge in SIDES}
+)
+"""Names of the joints and frames that are added to every body."""
 SOLE_POINT_RADIUS = 0.00001
 """Radius of the spheres that touch the floor [m]."""
 

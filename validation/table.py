@@ -21,7 +21,7 @@ COLORS = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "un
 """Colour of a cell on a terminal and on a page, by its whole text in lower case."""
 ABSENT = "–"
 """Stands for a number that is absent or not defined."""
-BODY_WEIGHT = "% BW"
+BW = "% BW"
 """Percent of body weight, short for tables."""
 USED = ">used"
 """Header of a column of percentages that a page also shows as bars."""
@@ -274,7 +274,7 @@ def format_share(value: float | str | None, limit: float | None) -> str:
 
 def short_unit(unit: str) -> str:
     """A unit, short for tables; empty for that of a plain number, ``1``."""
-    return "" if unit == "1" else unit.replace("% of body weight", BODY_WEIGHT)
+    return "" if unit == "1" else unit.replace("% of body weight", BW)
 
 
 def print_tables(tables: Iterable[Table]) -> None:

@@ -3,15 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from validation.table import (
-    BODY_WEIGHT,
-    USED,
-    Table,
-    format_number,
-    format_share,
-    short_unit,
-    with_uncertainty,
-)
+from validation.table import BW, USED, Table, format_number, format_share, short_unit, with_uncertainty
 from validation.trial.outcome import Outcome
 from validation.trial.plan import gait_title
 
@@ -69,7 +61,7 @@ def _row(metric: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _notes(summary: Mapping[str, Any], rows: list[tuple[str, ...]]) -> list[str]:
-    notes = ["BW: body weight."] if any(BODY_WEIGHT in row for row in rows) else []
+    notes = ["BW: body weight."] if any(BW in row for row in rows) else []
     if known := summary.get("uncertainty"):
         notes.append(
             f"±: numerical uncertainty by a convergence study of {known['gait']}, {known['steps']} steps a "
