@@ -17,7 +17,7 @@ from ampm.planner.periodic import plan_gait
 from docs.examples import eurobench
 from validation.judge.fit import MODELS
 from validation.run.judge_log import log_columns
-from validation.store.tables import write_columns
+from validation.store.record import write_columns
 
 MASS = 60.0
 GAITS: list[dict[str, Any]] = [

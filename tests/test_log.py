@@ -20,7 +20,7 @@ from validation.judge.log import whole_strides
 from validation.judge.uncertainty import Uncertainty
 from validation.measure.log import UNITS
 from validation.run.walk import walk_planned
-from validation.store.tables import write_columns
+from validation.store.record import write_columns
 from validation.trial.plan import load_request, plan_walk
 from validation.trial.users import read_columns
 

@@ -17,7 +17,7 @@ from ampm.planner.sampled import sampled_plan
 from ampm.planner.support import plan_steps
 from ampm.planner.table import plan_table, repeats, sample_times, table_motion
 from tests.solved import body_of
-from validation.store.tables import write_columns
+from validation.store.record import write_columns
 from validation.trial.users import read_columns
 
 STEPS = 3

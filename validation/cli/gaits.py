@@ -66,7 +66,7 @@ class Files:
         """Write the files of a plan; without a body there is no planned walk."""
         from ampm.planner.table import plan_table, sample_times
         from ampm.run_file import dump_run
-        from validation.store.tables import write_columns
+        from validation.store.record import write_columns
 
         if self.samples is not None:
             times = sample_times(plan.duration, self.rate)  # refuses a rate before anything is written

@@ -81,16 +81,14 @@ class LogFacts:
     @property
     def lacks(self) -> list[str]:
         """What keeps it from a full pass, beside signals, for a sentence."""
-        found = []
-        if self.left_out > _LEFT_OUT:
-            found.append(f"{100 * self.left_out:.1f} % of the time is left out")
-        if self.empty > _LEFT_OUT:
-            found.append(f"the angular momentum is empty in {100 * self.empty:.1f} % of the rows")
-        if self.beside and (self.steps or 0) < (self.planned_steps or 0):
-            found.append(f"the part that is like the plan lacks {self.beside} of the log's steps")
-        if self.steps == 0:
-            found.append("no step of the plan is whole")
-        return found
+        is_part = (self.steps or 0) < (self.planned_steps or 0)
+        known = {
+            f"{100 * self.left_out:.1f} % of the time is left out": self.left_out > _LEFT_OUT,
+            f"the angular momentum is empty in {100 * self.empty:.1f} % of the rows": self.empty > _LEFT_OUT,
+            f"the part that is like the plan lacks {self.beside} of the log's steps": self.beside and is_part,
+            "no step of the plan is whole": self.steps == 0,
+        }
+        return [text for text, holds in known.items() if holds]
 
 
 def align(
@@ -386,25 +384,19 @@ def _mean_stride(log: Log, plan: WalkPlan) -> tuple[Log, MeanStride]:
         if name == "zmp":
             varied[name] = curves[name] + detrend(middle, axis=0)
     mean = {name: values.mean(axis=0).filled(np.nan) for name, values in curves.items()}
-    tiled = {name: np.concatenate(3 * [values]) for name, values in mean.items()}
+    velocity = [plan.constants.mean_velocity, 0.0]  # of places that are compared with the plan's
     clock = stride * np.arange(3 * _PHASES) / _PHASES
-    for name in PLACES & tiled.keys():  # with the plan's forward motion, as it is compared with the plan
-        tiled[name][:, 0] += plan.constants.mean_velocity * clock
-    start, correlation = _find_start(
-        replace(log, time=clock, signals=tiled, lost=np.zeros(3 * _PHASES)), plan
-    )
+    tiled = {name: np.concatenate(3 * [values]) for name, values in mean.items()}
+    thrice = replace(log, time=clock, signals=tiled, lost=np.zeros(clock.size))
+    start, correlation = _find_start(thrice.moved(np.outer(clock, velocity)), plan)
     phases *= stride
     signals = {name: interp(times + start, phases, values, period=stride) for name, values in mean.items()}
-    for name in PLACES & signals.keys():
-        signals[name][:, 0] += plan.constants.mean_velocity * times
+    once = replace(log, time=times, signals=signals, lost=np.zeros(_PHASES), time_step=stride / _PHASES)
     variances = {name: values.var(axis=0, ddof=min(len(bounds) - 1, 1)) for name, values in varied.items()}
     spreads = {name: np.sqrt(values.mean(axis=0)).filled(np.nan) for name, values in variances.items()}
-    found = MeanStride(
-        spreads, spreads["force"] / log.weight, len(bounds), duration, speed, correlation=correlation
-    )
-    return replace(
-        log, time=times, signals=signals, lost=np.zeros(_PHASES), time_step=stride / _PHASES
-    ), found
+    share = spreads["force"] / log.weight
+    strides = MeanStride(spreads, share, len(bounds), duration, speed, correlation)
+    return once.moved(np.outer(times, velocity)), strides
 
 
 def whole_strides(log: Log, taken: Array, margin: float = 0.0) -> list[tuple[float, float]]:

@@ -132,9 +132,9 @@ class Log(Brief):
         return replace(self, time=self.time[rows], signals=signals, lost=self.lost[rows])
 
     def moved(self, by: Array) -> "Log":
-        """The same with all places moved on the floor, ``by`` (2,) [m]."""
-        known = self.signals.items()
-        moved = {name: at + [*by, 0.0][: at.shape[1]] for name, at in known if name in PLACES}
+        """The same with all places moved on the floor, ``by`` (2,) or (K, 2) [m]."""
+        known, way = self.signals.items(), np.append(by, np.zeros_like(by[..., :1]), axis=-1)
+        moved = {name: at + way[..., : at.shape[1]] for name, at in known if name in PLACES}
         return replace(self, signals={**self.signals, **moved})
 
 

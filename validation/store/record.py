@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pyarrow import csv
 
 from ampm.exceptions import InputError
 from ampm.files import check_regular
@@ -92,6 +93,15 @@ def write_table(table: pa.Table, path: Path) -> None:
     floats = [item.name for item in table.schema if pa.types.is_floating(item.type)]
     other = [name for name in table.column_names if name not in floats] or False
     pq.write_table(table, path, compression="zstd", use_byte_stream_split=floats, use_dictionary=other)
+
+
+def write_columns(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write columns (N,) as Parquet or CSV, by the suffix; floats keep every bit, NaN is an empty cell."""
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
+    if path.suffix == ".parquet":
+        pq.write_table(table, path, compression="zstd")
+    else:
+        csv.write_csv(table, path)
 
 
 def load_record(directory: Path) -> SimulationRecord:
