@@ -317,7 +317,8 @@ def test_recovery_lasts_from_the_last_push_to_the_last_error(walk, pushes, error
     for wind in (0.0, 1.0):  # is no push
         pushed = replace(record, external_segments=("thorax",), external_force=force + wind)
         found = compare(replace(plan, constants=constants), pushed, replace(measured, zmp=zmp))
-        found = replace(found, unpushed_limits=find_profile(profile).limits(found.scales))
+        limits = {**PUSHED.limits(found.scales), **find_profile(profile).limits(found.scales)}
+        found = replace(found, recovery_limits=limits)
         time = evaluate(found)["recovery_time"]
         assert time == pytest.approx(rows * record.time_step, nan_ok=True)
 

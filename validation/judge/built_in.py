@@ -90,13 +90,13 @@ def _unsupported(walk: Comparison) -> float:
     return float(np.count_nonzero(~known[walk.inside])) if known.any() else math.nan
 
 
-def recovery_time(walk: Comparison, most: float) -> float | None:
+def _recovery_time(walk: Comparison) -> float | None:
     """Longest time from the end of a push until all errors keep their limits [s].
 
     They keep them from an instant on if they do so both in the step that follows and in all that remains, up
     to the next push or to the end of the walk, and no later step exceeds 1.9 times an RMS limit. Pushes less
     than a step apart are one, and a force that never ends is none. Infinite if the errors do not keep their
-    limits within ``most`` [s], or did not from the begin to the first push, if that was a step or more; NaN
+    limits within its own limit, or did not from the begin to the first push, if that was a step or more; NaN
     if the walk ends before that; None if nothing pushed the body, or without a plan.
     """
     record = walk.record
@@ -107,7 +107,7 @@ def recovery_time(walk: Comparison, most: float) -> float | None:
     step, judged = max(round(duration / record.time_step), 1), int(walk.inside.argmax())
     pairs = signal_pairs(walk.sample, walk.measured, record)
     errors = {name: np.abs(value - reference) for name, (value, reference) in pairs.items()}
-    kept = partial(_kept, errors, walk.unpushed_limits)
+    kept = partial(_kept, errors, walk.recovery_limits)
     if first - judged >= step and not kept(judged, first, first - judged)[0]:
         return math.inf
     longest = 0
@@ -118,7 +118,8 @@ def recovery_time(walk: Comparison, most: float) -> float | None:
             longest, start = max(longest, int(recovered[0])), end
     if (recovered := np.flatnonzero(kept(start, record.steps, step))).size:
         return max(longest, int(recovered[0])) * record.time_step
-    return math.nan if record.time_step * (record.steps - start - step) < most else math.inf
+    left = record.time_step * (record.steps - start - step)
+    return math.nan if left < walk.recovery_limits.get("recovery_time", math.inf) else math.inf
 
 
 def _kept(errors: Mapping[str, Array], limits: Mapping[str, float], begin: int, end: int, rows: int) -> Flags:
@@ -138,6 +139,7 @@ def _kept(errors: Mapping[str, Array], limits: Mapping[str, float], begin: int, 
 
 
 COMPUTED: Mapping[str, Callable[[Comparison], float | None]] = {
+    "recovery_time": _recovery_time,
     "stride_duration_error": lambda walk: None,  # of logs alone, see `judge_log`
     "slip_maximum": lambda walk: (  # None where none was measured, as in a log
         None if np.isnan(walk.measured.slip).all() else largest(walk.measured.slip[walk.inside])

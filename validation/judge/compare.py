@@ -137,8 +137,9 @@ class Comparison(Brief):
     # by lead of the plan, see `LEADS`: RMS error of every signal in the judged window
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
-    # limits by metric if nothing pushes the walk, in SI units; what has none here is not limited
-    unpushed_limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    # limits that errors have to keep again after a push, and of the time until then, by metric in SI units;
+    # what has none here is not limited
+    recovery_limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def time(self) -> Array:

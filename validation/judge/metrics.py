@@ -20,7 +20,7 @@ import numpy as np
 from ampm.exceptions import InputError, words_of
 from ampm.parameters import GRAVITY
 from ampm.section import unknown
-from validation.judge.built_in import COMPUTED, recovery_time
+from validation.judge.built_in import COMPUTED
 from validation.judge.compare import RUN, SIGNALS, Comparison
 from validation.table import package_rows
 from validation.trial.users import load_object
@@ -227,11 +227,10 @@ def _built_in() -> dict[str, Metric]:
                 compute=partial(_statistic, name=signal_name, statistic=statistic),
                 nature="mean" if statistic == "rmse" else "extreme",
             )
-    computed = {**COMPUTED, "recovery_time": _recovery_time}
     for row in package_rows("judge/metrics.csv"):
         name = row["name"]
         entries: dict[str, Any] = dict(row)
-        compute = partial(_cost, name=name) if row["section"] else computed[name]
+        compute = partial(_cost, name=name) if row["section"] else COMPUTED[name]
         found[name] = Metric(**entries, compute=compute)
     judged: dict[str, Metric] = {}
     for row in package_rows("judge/limits.csv"):
@@ -249,10 +248,6 @@ def _built_in() -> dict[str, Metric]:
 
 def _statistic(walk: Comparison, name: str, statistic: str) -> float | None:
     return float(getattr(walk.signals[name][RUN], statistic)) if walk.plan.command is None else None
-
-
-def _recovery_time(walk: Comparison) -> float | None:
-    return recovery_time(walk, METRICS["recovery_time"].tolerances["pushed"])
 
 
 def _cost(walk: Comparison, name: str) -> float:

@@ -17,7 +17,7 @@ from ampm.parameters import NO_PLAN, RunParameters
 from ampm.planner.closed_form import LIPM
 from ampm.section import unknown
 from validation.judge.compare import SIGNALS
-from validation.judge.metrics import FOOT_LENGTH, FOOT_MOMENTUM, METRICS, Metric, size_in_si
+from validation.judge.metrics import FOOT_LENGTH, FOOT_MOMENTUM, METRICS, size_in_si
 from validation.trial.disturbances import Disturbance, Push, pushes_of
 
 
@@ -54,21 +54,16 @@ class Profile:
     @property
     def tolerances(self) -> Mapping[str, Tolerance]:
         """Limits of all judged metrics by name, in the order in which they are reported."""
-        found = {name: self.tolerance(metric) for name, metric in METRICS.items()}
-        return {name: item for name, item in found.items() if item is not None}
+        known = {} if self.base is None else {**self.base.tolerances}
+        for name, metric in METRICS.items():
+            if self.name in metric.tolerances:
+                unit = metric.tolerance_unit or metric.unit
+                known[name] = Tolerance(metric.tolerances[self.name], unit, metric.reason)
+        return {name: known[name] for name in METRICS if name in known and name not in self.leaves_out}
 
     def limits(self, scales: Mapping[str, Any]) -> Mapping[str, Any]:
         """Limits of all judged metrics in SI units, by name."""
         return MappingProxyType({name: item.limit_for(scales) for name, item in self.tolerances.items()})
-
-    def tolerance(self, metric: Metric) -> Tolerance | None:
-        """Limit of one metric, None if it is not judged."""
-        if metric.name in self.leaves_out:
-            return None
-        if self.name in metric.tolerances:
-            unit = metric.tolerance_unit or metric.unit
-            return Tolerance(metric.tolerances[self.name], unit, metric.reason)
-        return self.base.tolerance(metric) if self.base is not None else None
 
 
 # For every gait of the paper, induced angular momentum included (preset `momentum`: c_s 1.2, c_y 0.4). The

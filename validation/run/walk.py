@@ -15,7 +15,7 @@ from ampm.run_file import load_run
 from ampm.walk import ControllerFactory, Planner
 from validation.judge.compare import compare
 from validation.judge.metrics import evaluate
-from validation.judge.profiles import Profile, find_profile, own_profile, unpushed_profile
+from validation.judge.profiles import PUSHED, Profile, find_profile, own_profile, unpushed_profile
 from validation.measure.measure import measure
 from validation.progress import Progress, interruption
 from validation.run.trial import Trial
@@ -109,7 +109,9 @@ def walk_planned(
         measured = measure(record, planned.scene.robot.model, passive_joints(planned.scene.model.compile()))
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)
-        comparison = replace(comparison, unpushed_limits=unpushed_profile(run).limits(comparison.scales))
+        scales = comparison.scales
+        limits = {**PUSHED.limits(scales), **unpushed_profile(run).limits(scales)}
+        comparison = replace(comparison, recovery_limits=MappingProxyType(limits))
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
