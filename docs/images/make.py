@@ -15,7 +15,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from validation.cli.view import recording_of
+from validation.cli.validate import recording_of
 from validation.show.plan import plot_plan
 from validation.show.rerun.views import PHASE
 from validation.trial.plan import load_request, plan_walk

@@ -14,7 +14,7 @@ from contextlib import suppress
 import typer
 
 import ampm
-from validation.cli import body, compare, gaits, logs, studies, validate, view
+from validation.cli import body, compare, gaits, logs, studies, validate
 from validation.cli.console import print_json, print_line
 from validation.cli.errors import describe_error, explain
 from validation.cli.options import Status, option
@@ -31,7 +31,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
 )
-for group in (validate, studies, compare, view, logs, body, gaits):
+for group in (validate, studies, compare, logs, body, gaits):
     for command in group.app.registered_commands:
         # Typer joins the lines of a docstring's first paragraph only.
         paragraphs = str(command.callback.__doc__).split("\n\n")
