@@ -71,7 +71,7 @@ def test_a_table_beside_our_planner_is_walked_once(tmp_path, ampm, monkeypatch):
     assert [walk["label"] for walk in first.json["walks"]] == ["ampm", "ipm.csv"]
     assert first.json["metrics"]["zmp_x_maximum"]["better"] == 0
     assert (out / "walk-2" / REPORT).is_file()
-    monkeypatch.setattr("validation.study.one_walk.walk_request", lambda *_, **__: pytest.fail("walked"))
+    monkeypatch.setattr("validation.study.many.walk_request", lambda *_, **__: pytest.fail("walked"))
     assert ampm(*command, "--resume").json == first.json
 
 

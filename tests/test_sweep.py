@@ -15,7 +15,7 @@ from ampm.parameters import RunParameters
 from tests.sweep_table import make_table, parse_sweep
 from validation.cli.app import call
 from validation.store.environment import parameter_values, run_key
-from validation.study import one_walk
+from validation.study import many
 from validation.study.row_file import ROWS, RowFile
 from validation.study.sweep import report, run
 from validation.study.sweep.design import load_sweep
@@ -167,8 +167,8 @@ def test_an_interrupted_sweep_can_be_read_and_goes_on(command, out, capsys, monk
 
 def test_a_walk_that_ctrl_c_ends_in_this_process_is_no_row(monkeypatch):
     interrupted = SimpleNamespace(record=SimpleNamespace(outcome=SimpleNamespace(name="interrupted")))
-    monkeypatch.setattr(one_walk, "plan_walk", lambda *_, **__: None)
-    monkeypatch.setattr(one_walk, "walk_planned", lambda *_, **__: interrupted)
+    monkeypatch.setattr(many, "plan_walk", lambda *_, **__: None)
+    monkeypatch.setattr(many, "walk_planned", lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.walk_run(request=None)
 

@@ -6,6 +6,7 @@ A finished run is one line of ``rows.jsonl``, written before it is reported. To 
 
 import hashlib
 import inspect
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import ExitStack
@@ -22,11 +23,15 @@ from ampm.parameters import RunParameters
 from ampm.section import unknown
 from validation.judge.metrics import added_metrics
 from validation.progress import Progress, interruption
+from validation.run.trial import Trial
+from validation.run.walk import walk_planned
 from validation.store.environment import code_hash, users_sources
 from validation.store.folders import check_target, disk_is_full
 from validation.store.machine import cores
 from validation.study.pool import ThisProcess, Workers, connect, open_pool
 from validation.study.row_file import ROWS, Row, RowFile
+from validation.trial.outcome import OutcomeName
+from validation.trial.plan import Request, plan_walk
 from validation.trial.users import users_classes, users_files
 
 
@@ -200,3 +205,19 @@ def walk_many(
         raise
     finally:
         rows.close()
+
+
+def walk_request(request: Request, profile: str | None = None) -> Trial:
+    """Plan, walk and judge one run, by default by its own profile; KeyboardInterrupt after Ctrl-C."""
+    trial = walk_planned(plan_walk(request), profile)
+    if trial.record.outcome.name == OutcomeName.INTERRUPTED:
+        raise KeyboardInterrupt
+    return trial
+
+
+def keep_run(folder: str, **options: Any) -> Row:
+    """Walk one run and write its folder as ``ampm validate`` does; the same options give the same bits."""
+    trial = walk_request(**options)
+    trial.save(folder, force=True)
+    values = {name: metric.value for name, metric in trial.metrics.items() if math.isfinite(metric.value)}
+    return {"outcome": str(trial.record.outcome.name), "metrics": values}

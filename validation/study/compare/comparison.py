@@ -28,8 +28,7 @@ from validation.show.cost_table import COSTS, cost_limit, cost_unit
 from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
-from validation.study.many import Execution, Task, study_folder, walk_many
-from validation.study.one_walk import keep_run
+from validation.study.many import Execution, Task, keep_run, study_folder, walk_many
 from validation.study.robustness.result import Robustness, load_robustness
 from validation.table import USED, Table, Tabled, format_share, format_value, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName

@@ -12,8 +12,7 @@ from validation.judge.uncertainty import CONVERGENCE_FILE
 from validation.store.environment import parameter_values
 from validation.store.json import write_json
 from validation.study.convergence.result import OWN, Convergence, Study, combine
-from validation.study.many import Execution, Task, study_folder, walk_many
-from validation.study.one_walk import walk_request
+from validation.study.many import Execution, Task, study_folder, walk_many, walk_request
 from validation.study.row_file import Row
 from validation.study.sweep.design import ENGINE_KEY
 from validation.table import package_rows
@@ -63,7 +62,7 @@ def runs_of(run: RunParameters, found: Sequence[Study]) -> dict[str, RunParamete
 
 
 def walk_level(**options: Any) -> Row:
-    """Walk one level; the options are those of :func:`validation.study.one_walk.walk_request`.
+    """Walk one level; the options are those of :func:`validation.study.many.walk_request`.
 
     Returns:
         ``outcome`` and ``cause``; ``values`` of all metrics in SI units; ``scales``, reference quantities of

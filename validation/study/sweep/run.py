@@ -19,8 +19,7 @@ from validation.store.environment import parameter_values
 from validation.store.folders import output_file, write_whole
 from validation.store.json import write_json
 from validation.store.machine import cores
-from validation.study.many import Execution, Task, study_folder, walk_many
-from validation.study.one_walk import keep_run, walk_request
+from validation.study.many import Execution, Task, keep_run, study_folder, walk_many, walk_request
 from validation.study.pool import error_columns
 from validation.study.row_file import ROWS, UNFINISHED, Row, read_rows
 from validation.study.sweep.design import SweepDefinition, check_classes, dump_sweep, load_sweep
@@ -97,13 +96,13 @@ def task_of(definition: SweepDefinition, run: int) -> Task:
 
 
 def _options(definition: SweepDefinition, run: int) -> dict[str, Any]:
-    """Arguments of :func:`validation.study.one_walk.walk_request`."""
+    """Arguments of :func:`validation.study.many.walk_request`."""
     request = Request(definition.name_of(run), definition.parameters(run), definition.varied(run))
     return {"request": request, "profile": definition.judged_by.name}
 
 
 def walk_run(**options: Any) -> Row:
-    """Walk one run on a worker, see :func:`validation.study.one_walk.walk_request`."""
+    """Walk one run on a worker, see :func:`validation.study.many.walk_request`."""
     trial = walk_request(**options)
     if trial.record.outcome.name == "crashed":  # an error of the user's code is no result about the gait
         raise UsersError(trial.record.outcome.cause)
