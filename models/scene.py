@@ -21,8 +21,7 @@ ADDED_NAMES = frozenset(
     | {f"{side}_{group}_{edge}" for side in SIDES for group in SOLE_POINT_GROUPS for edge in SIDES}
 )
 """Names of the joints and frames that are added to every body."""
-SOLE_POINT_RADIUS = 0.00001
-"""Radius of the spheres that touch the floor [m]."""
+_SOLE_POINT_RADIUS = 0.00001  # radius of the spheres that touch the floor [m]
 
 # Twelve digits: legible, the same text on every platform, and 1e-11 kg at most in the total mass.
 _DIGITS = 12
@@ -108,7 +107,7 @@ def new_scene(name: str, root: str, height: float, run: RunParameters) -> tuple[
             friction=text(contact.friction),
             impedance=text((contact.impedance_min, contact.impedance_max, contact.impedance_width)),
             stiffness=text((contact.time_constant, contact.damping_ratio)),
-            radius=SOLE_POINT_RADIUS,
+            radius=_SOLE_POINT_RADIUS,
         )
     )
     segment = next(model.iter("body"))
@@ -162,7 +161,7 @@ def add_sole_points(
         for edge, sign in (("left", 1.0), ("right", -1.0)):
             name = f"{side}_{group}_{edge}"
             pos = origin + turn @ np.array([x, sign * half_width, 0.0])
-            centre = pos + turn @ np.array([0.0, 0.0, SOLE_POINT_RADIUS])
+            centre = pos + turn @ np.array([0.0, 0.0, _SOLE_POINT_RADIUS])
             add(segment, "site", name=name, pos=pos)
             add(segment, "geom", name=name, class_="point", pos=centre)
             points.append(name)

@@ -17,8 +17,7 @@ from validation.trial.record import support_height
 
 INSTANTS = 6
 """Poses of a walk that are drawn."""
-LAST = 1.0
-"""Time before the end of a walk that was lost from which its poses are drawn [s]."""
+_LAST = 1.0  # time before the end of a walk that was lost from which its poses are drawn [s]
 _ARROW = 1.25  # length of the weight's arrow, over the height of the COM: it passes the COM
 _HEAD = 0.04  # length of an arrow's head [m]
 _SMALLEST = 0.005  # radius from which a shape of the body is drawn [m]
@@ -50,7 +49,7 @@ def draw_walker(saved: SavedRun, plan: StepPlan | None, stride: slice) -> list[C
     if not len(states):
         return []
     if record.outcome.name not in (OutcomeName.COMPLETED, OutcomeName.INTERRUPTED):
-        stride = slice(int(np.searchsorted(signals.time, record.outcome.time - LAST)), len(signals))
+        stride = slice(int(np.searchsorted(signals.time, record.outcome.time - _LAST)), len(signals))
     chosen = np.unique(np.abs(rows - rows_shown(signals, stride)[:, None]).argmin(axis=1))
     model = saved.model()
     (chart,) = charts = new_charts(3.5, width=2 * WIDTH)

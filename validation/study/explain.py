@@ -38,8 +38,7 @@ from validation.trial.plan import Body, Request, complete, gait_title, load_requ
 
 TIGHTER, STRONGER = 2.0, 10.0
 """COM stiffness of a tighter controller, and torque limits of ideal motors, over those of the trial [1]."""
-MOST = 0.5
-"""Share of the excess that a change leaves at most to be named, if nothing restores the pass [1]."""
+_MOST = 0.5  # share of the excess that a change leaves at most to be named, if nothing restores the pass [1]
 BOTH = "planner and feet"
 REPLACED = frozenset({"contact law", "controller", "planner", "gait", "feet", "posture", BOTH})
 """Layers of which another one is tried; the others are made ideal."""
@@ -277,7 +276,7 @@ def answer(trial: Row, changes: Sequence[Row]) -> tuple[str, str]:
     if best["outcome"] == OutcomeName.COMPLETED != trial["outcome"]:
         rest = f"it is completed, with the verdict {_verdict(best)}"
     said = f"Nothing restores the pass; {text} {rest}."
-    return (layer, f"The {layer}. {said}") if left <= MOST else ("", said)
+    return (layer, f"The {layer}. {said}") if left <= _MOST else ("", said)
 
 
 def explain(

@@ -37,12 +37,10 @@ from validation.store.machine import cores, hidden_main
 from validation.study.row_file import Row
 from validation.trial.users import SENT, UsersError, users_classes
 
-STARTED = "ampm-run-started"
-"""Topic of dask's events by which a worker says that it begins a run."""
+_STARTED = "ampm-run-started"  # topic of dask's events by which a worker says that it begins a run
 GRACE = 3.0
 """Time after the limit at which a worker ends itself, so that the client knows first [s]."""
-NO_WORKER = 120.0
-"""Time without any worker after which a study on this machine stops [s]."""
+_NO_WORKER = 120.0  # time without any worker after which a study on this machine stops [s]
 _WAIT, _CONNECT = 0.5, 30.0  # for a result, for a scheduler [s]
 _NANNY = "distributed.nanny.pre-spawn-environ"
 _SETTINGS: Mapping[str, Any] = {
@@ -87,7 +85,7 @@ def call(data: bytes, limit: float | None, client_code: str) -> Row:
                 "install what it needs on every worker",
             ) from error
         worker = get_worker()
-        worker.log_event(STARTED, (worker.get_current_task(), worker.address))
+        worker.log_event(_STARTED, (worker.get_current_task(), worker.address))
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True, file=nowhere)
         try:
@@ -148,13 +146,13 @@ class Workers:
 
     def __init__(self, client: Any, limit: float | None, *, remote: bool) -> None:
         self._client, self._limit, self._remote = client, limit, remote
-        self._patience = math.inf if remote else NO_WORKER  # without any worker [s]
+        self._patience = math.inf if remote else _NO_WORKER  # without any worker [s]
         self._flying: dict[str, Any] = {}  # futures by name
         self._started: dict[str, tuple[str, float]] = {}  # worker and time at which the last attempt began
         self._workers = 0  # when last asked
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._alive = time.monotonic()
-        client.subscribe_topic(STARTED, self._note)
+        client.subscribe_topic(_STARTED, self._note)
 
     def _note(self, event: tuple[float, tuple[str, str]]) -> None:
         name, address = event[1]

@@ -36,8 +36,7 @@ SHARE = 0.1
 
 At half the time step the ZMP's RMS errors of the presets change by 7 % at most, of ``pitch-low`` by 12 %.
 """
-LEAST_PAIRS = 6
-"""Pairs from which order statistics bound a median at 95 %."""
+_LEAST_PAIRS = 6  # pairs from which order statistics bound a median at 95 %
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Ranking(Tabled):
         from scipy.stats import quantile_test  # slow to load
 
         pairs = one.pairs(other)
-        if len(pairs) < LEAST_PAIRS:
+        if len(pairs) < _LEAST_PAIRS:
             return False
         found = quantile_test(list(pairs.values()), p=0.5).confidence_interval(0.95)
         return bool(found.low > self.doubt(one, other, pairs))
@@ -136,7 +135,7 @@ class Ranking(Tabled):
         pairs = sum(math.comb(walked.count(task), 2) for task in set(walked))
         missing = f" Runs without a result yet: {self.planned - self.found}." * (self.found < self.planned)
         few = " Errors decide from six replicas on." * all(
-            len(cell.errors) < LEAST_PAIRS for cell in self.cells
+            len(cell.errors) < _LEAST_PAIRS for cell in self.cells
         )
         return f"{len(self.wins)} of {pairs} differences within a task are decided.{missing}{few}"
 

@@ -35,17 +35,16 @@ def _array(
     return field(metadata=metadata, default_factory=lambda: None) if optional else field(metadata=metadata)
 
 
-STATE_INTERVAL = 0.01
-"""Time between the states, and between the contacts, on disk [s]."""
+_STATE_INTERVAL = 0.01  # time between the states, and between the contacts, on disk [s]
 
 
 def state_steps(time_step: float) -> int:
     """Steps of the physics from one state on disk to the next."""
-    return max(1, round(STATE_INTERVAL / time_step))
+    return max(1, round(_STATE_INTERVAL / time_step))
 
 
 def stored_rows(steps: int, time_step: float) -> NDArray[np.intp]:
-    """Instants of the states on disk: one every :data:`STATE_INTERVAL`, and the last one."""
+    """Instants of the states on disk: one every 10 ms, and the last one."""
     return np.append(np.arange(0, steps, state_steps(time_step)), steps)
 
 

@@ -40,10 +40,8 @@ from validation.store.signals import Signals, changes
 from validation.trial.files import RunFile
 from validation.trial.record import support_height
 
-PICTURE_RATE = 100.0
-"""Pictures of the body per second [Hz]."""
-CURVE_STEP = 0.002
-"""Least time between samples of a curve [s]; both sides of every switch are added."""
+_PICTURE_RATE = 100.0  # pictures of the body per second [Hz]
+_CURVE_STEP = 0.002  # least time between samples of a curve [s]; both sides of every switch are added
 MOST_PICTURES, MOST_SAMPLES = 3_000, 15_000
 """Pictures and samples of a curve in a recording: of a longer walk they are farther apart."""
 SINGLE_SUPPORT = 0.8
@@ -132,7 +130,7 @@ class _Log:
         self.stream, self.saved, self.record = stream, saved, saved.record
         self.at, self.name, self.color = at, name, color
         self.pace = _gait_phase(saved.signals, saved.record.outcome.time)
-        least = max(1.0 / PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
+        least = max(1.0 / _PICTURE_RATE, saved.record.outcome.time / MOST_PICTURES)
         if saved.is_log:
             self.states = np.zeros(0, np.intp)
             rows = np.arange(0, len(saved.signals), _stride(saved.record.time_step, least))
@@ -367,7 +365,7 @@ def _curves(saved: SavedRun) -> Curves:
     # Rows evenly spread, before and at every switch, and the last.
     every = saved.signals
     new = np.concatenate([every.switches()[1:], *(changes(every[f"{foot}_contact"])[1:] for foot in _FEET)])
-    least = max(CURVE_STEP, saved.record.outcome.time / MOST_SAMPLES)
+    least = max(_CURVE_STEP, saved.record.outcome.time / MOST_SAMPLES)
     even = np.arange(0, len(every), _stride(float(every.time[1:2].sum()), least))
     rows = np.unique(np.concatenate([even, new, new - 1, [len(every) - 1]]))
     signals, weight = every.take(rows), saved.record.mass * saved.record.gravity

@@ -18,8 +18,7 @@ from validation.judge.uncertainty import rounding
 from validation.study.sweep.table import METRIC, RunState, SweepTable, read_sweep
 from validation.table import Table, Tabled, format_value
 
-TOLERANCE = 0.1
-"""Share of its limit by which a metric may grow before that is a regression [1]."""
+_TOLERANCE = 0.1  # share of its limit by which a metric may grow before that is a regression [1]
 KINDS = ("newly failing", "worse", "missing")
 """Regressions of a run. What got better is found by the two sweeps in the other order."""
 _SHOWN = 100  # rows of the table of runs that are shown
@@ -77,7 +76,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         limit = limits[0]
         noise = rounding(np.fmax(before, after), a.unit(METRIC + name))
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
-        worse[number] = is_lost | (growth > np.fmax(noise, TOLERANCE * limit))
+        worse[number] = is_lost | (growth > np.fmax(noise, _TOLERANCE * limit))
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
         is_new = name in b.limits and name not in a.limits
         counts[number] = is_lost | (np.abs(growth) > noise) | (limit != limits[-1]) | is_new

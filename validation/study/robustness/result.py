@@ -11,8 +11,7 @@ from validation.study.robustness.cells import DURATION, Cell
 from validation.table import Table, Tabled
 
 ROBUSTNESS_FILE = "robustness.json"
-NEEDED = 0.8
-"""Share of the replicas that has to survive."""
+_NEEDED = 0.8  # share of the replicas that has to survive
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def needed(replicas: int) -> int:
     """Replicas that have to survive; an InputError for less than one."""
     if replicas < 1:
         raise InputError(f"--replicas {replicas}: at least one walk is needed.", value=replicas)
-    return math.ceil(NEEDED * replicas - 1e-9)
+    return math.ceil(_NEEDED * replicas - 1e-9)
 
 
 def load_robustness(path: Path) -> Robustness:

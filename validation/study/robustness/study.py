@@ -33,8 +33,7 @@ REPLICAS = 5
 START = 0.01
 """Error of the root's velocity at the start of all replicas but the first, see ``disturbance.start_velocity``
 [m/s]."""
-SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)
-"""Shift of a push in the replicas, as share of its phase [1]."""
+_SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)  # shift of a push in the replicas, as share of its phase [1]
 CROSSED = "the legs met"
 _OWN = "gait.steps", "disturbance.push_", "disturbance.seed", "disturbance.start_velocity", "sensors.seed"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
@@ -185,7 +184,7 @@ def disturbance_of(cell: Cell, value: float, replica: int, planned: PlannedWalk)
     }
     if not cell.is_push:
         return settings | {cell.key: value}
-    shift, step = SHIFTS[replica % len(SHIFTS)], PUSH_STEP + replica % 2
+    shift, step = _SHIFTS[replica % len(_SHIFTS)], PUSH_STEP + replica % 2
     time, direction = push_instant(planned.plan.contacts, cell.direction, cell.phase, step, shift)
     x, y = (planned.plan.mass * value / DURATION * direction).tolist()
     return settings | {

@@ -18,8 +18,7 @@ from validation.study.sweep.figures import MOST_POINTS, draw_sweep, texts
 from validation.study.sweep.table import BROKEN, RunState, SweepFile, SweepTable, read_sweep
 from validation.table import Table, format_number, format_value, short_unit
 
-WORST = 20
-"""Runs in the table of the worst."""
+_WORST = 20  # runs in the table of the worst
 
 
 def write_sweep_report(directory: Path) -> Path:
@@ -58,7 +57,7 @@ def worst_runs(sweep: SweepTable) -> Table:
     """The worst runs, with links to the reports of those that are kept."""
     names, gaits, kept = map(sweep.words, ("name", "gait", "recording"))
     rows, link = [], Markup('<a href="{}">{}</a>')
-    for row in sweep.worst[:WORST]:
+    for row in sweep.worst[:_WORST]:
         name, address = names[row], f"{kept[row]}/{SweepFile.REPORT}"  # relative to the page
         if sweep.directory is not None and kept[row] and (sweep.directory / address).is_file():
             name = link.format(address, name)
