@@ -16,8 +16,7 @@ from trials import read_rows, write_rows
 from benchmarks.page import replace_between
 from validation.cli.console import Narrator
 from validation.study.robustness.cells import DIRECTIONS, PUSH_PHASES, PUSHES, other_cells
-from validation.study.robustness.result import Robustness
-from validation.study.robustness.study import REPLICAS, robustness
+from validation.study.robustness.study import REPLICAS, Robustness, robustness
 from validation.table import Table
 
 PAGE = Path(__file__).with_name("footsteps.md")

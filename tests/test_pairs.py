@@ -23,7 +23,7 @@ from validation.study.compare import comparison
 from validation.study.compare.comparison import JUDGED, SHARE, MetricRow, Side, WalkComparison
 from validation.study.compare.report import COMPARISON_FILE, REPORT, draw_walks, render
 from validation.study.robustness.cells import Cell
-from validation.study.robustness.result import CellResult, Robustness
+from validation.study.robustness.study import CellResult, Robustness
 
 PLANNERS = {"gait.planner": ["ampm", "dcm"]}
 FAST = ["--set", "simulation.time_step=0.002", "--steps", "3", "--workers", "0"]

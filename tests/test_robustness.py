@@ -13,8 +13,7 @@ from tests.solved import walk_of
 from validation.cli.app import Status
 from validation.study.robustness import study as robustness
 from validation.study.robustness.cells import Cell, chosen, other_cells, push_cells, push_instant
-from validation.study.robustness.result import CellResult, Robustness, needed
-from validation.study.robustness.study import climb, disturbance_of
+from validation.study.robustness.study import CellResult, Robustness, climb, disturbance_of, needed
 from validation.study.row_file import read_rows
 
 FRICTION = Cell("friction", "disturbance.friction_factor", (0.8, 0.6, 0.4, 0.2))

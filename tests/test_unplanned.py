@@ -10,7 +10,7 @@ import validation as val
 from ampm import ControlOutput, load_run
 from validation.judge.metrics import METRICS
 from validation.run.judge_log import judge_run
-from validation.trial.unplanned import heading_velocity, measured_supports
+from validation.trial.record import heading_velocity, measured_supports
 
 QUICK = ("--planner", "none", "--set", "simulation.time_step=2e-3", "--set", "command.duration=2")
 

@@ -25,9 +25,8 @@ from validation.judge.margins import energy, feedback_effort, margins
 from validation.measure.measure import MeasuredGait
 from validation.table import package_rows
 from validation.trial.followed import LEADS, Followed, FrozenPlan, PlanRows
-from validation.trial.record import SimulationRecord
+from validation.trial.record import SimulationRecord, heading_velocity, measured_supports
 from validation.trial.shapes import Shapes
-from validation.trial.unplanned import heading_velocity, measured_supports
 
 RUN = "run"
 """The window that is judged: the run without its first step, or all of it if it begins at rest."""
@@ -137,8 +136,7 @@ class Comparison(Brief):
     # by lead of the plan, see `LEADS`: RMS error of every signal in the judged window
     ahead: Mapping[float, Mapping[str, float]]
     first: PlanSample | None = None  # the first plan at the same instants; None if the plan did not move
-    # limits that errors have to keep again after a push, and of the time until then, by metric in SI units;
-    # what has none here is not limited
+    # limits by metric of errors after a push, and of the time until they hold, in SI units; others have none
     recovery_limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property

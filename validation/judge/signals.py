@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from validation.judge.compare import PARTS, Comparison
 from validation.store.signals import KINDS
-from validation.trial.record import state_steps
-from validation.trial.unplanned import heading_velocity
+from validation.trial.record import heading_velocity, state_steps
 
 ALL = slice(None)
 MOST_ROWS = 70_000

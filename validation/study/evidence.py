@@ -24,7 +24,7 @@ from validation.show.paper import cite_run, digest_of
 from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import is_comparison, load_comparison
-from validation.study.robustness.result import ROBUSTNESS_FILE, load_robustness
+from validation.study.robustness.study import ROBUSTNESS_FILE, load_robustness
 from validation.table import Table, package_rows
 from validation.trial.files import RunFile
 

@@ -33,10 +33,9 @@ from validation.trial.outcome import Outcome, OutcomeName
 from validation.trial.physics import Physics, firm_dampers, quiet_mujoco
 from validation.trial.plan import PlannedWalk
 from validation.trial.readings import DivergedEstimate, Sensors, make_estimator
-from validation.trial.record import SimulationRecord, support_height
+from validation.trial.record import SimulationRecord, measured_supports, support_height
 from validation.trial.references import References
 from validation.trial.scene import surfaces
-from validation.trial.unplanned import measured_supports
 from validation.trial.users import CONTROLLER, UsersCode, UsersError, real_numbers
 from validation.trial.users_plan import judged_facts
 from validation.trial.watch import Watch

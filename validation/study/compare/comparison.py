@@ -29,7 +29,7 @@ from validation.store.environment import parameter_values
 from validation.store.json import json_ready
 from validation.store.saved import SavedRun, load_saved_run
 from validation.study.many import Execution, Task, keep_run, study_folder, walk_many
-from validation.study.robustness.result import Robustness, load_robustness
+from validation.study.robustness.study import Robustness, load_robustness
 from validation.table import USED, Table, Tabled, format_share, format_value, short_unit, with_uncertainty
 from validation.trial.outcome import OutcomeName
 from validation.trial.plan import Request, load_request, plan_walk
@@ -483,9 +483,7 @@ def compare_gaits(
     with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="ampm-compare-") as home:
         place = Path(home).resolve()
         walks = {str(place / f"walk-{number}"): request for number, request in enumerate(requests, start=1)}
-        tasks = [
-            Task(path, keep_run, {"folder": path, "request": request}) for path, request in walks.items()
-        ]
+        tasks = [Task(at, keep_run, {"folder": at, "request": request}) for at, request in walks.items()]
         for row in walk_many(tasks, **execution):
             if "reason" in row:
                 kinds = {"refused": InputError, UsersError.__name__: UsersError}

@@ -25,7 +25,7 @@ from validation.store.json import read_json, write_json
 from validation.store.saved import load_saved_run
 from validation.study.compare.comparison import Side, WalkComparison
 from validation.study.compare.sweeps import SweepComparison
-from validation.study.robustness.result import Robustness
+from validation.study.robustness.study import Robustness
 from validation.trial.files import RunFile
 
 REPORT, COMPARISON_FILE = RunFile.REPORT, "comparison.json"
