@@ -13,8 +13,7 @@ from validation.table import Table, print_tables
 if TYPE_CHECKING:
     from validation.trial.plan import Request
 
-TIME_STEPS = (0.002, 0.0005)
-"""Of the physics in the closed loop [s]."""
+_TIME_STEPS = (0.002, 0.0005)  # of the physics in the closed loop [s]
 app = typer.Typer(
     name="python -m benchmarks",
     pretty_exceptions_enable=False,
@@ -70,7 +69,7 @@ def _time(request: "Request", walks: int, narrator: Narrator) -> tuple[list[Tabl
 
     costs = time_run(request, walks, narrator)  # first, for the memory's peak is that of the process
     loops = []
-    for time_step in TIME_STEPS:
+    for time_step in _TIME_STEPS:
         changed = request.run.replace({"simulation.time_step": time_step})
         loops.append(time_loop(plan_walk(replace(request, run=changed)), walks, narrator))
     results = {"loop": [asdict(walk) for walk in loops], "run": [cost._asdict() for cost in costs]}

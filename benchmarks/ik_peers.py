@@ -20,8 +20,7 @@ from validation.trial.plan import PlannedWalk
 
 TASK, TRUNK, POSTURE = 1.0, 0.1, 1e-3
 """Costs of feet and COM, and of the first orientation of the trunk and the first posture."""
-DAMPING = 1e-9
-"""Of the velocities, for QPs that are positive definite."""
+_DAMPING = 1e-9  # of the velocities, for QPs that are positive definite
 _ROUNDS = 3  # equal passes over the step, of which the least times count
 
 
@@ -49,7 +48,7 @@ def pink_follower(planned: PlannedWalk, q: Array) -> Follower:
         for foot, task in enumerate(feet):
             task.set_target(pin.SE3(turn[foot], sole[foot]))
         com.set_target(place)
-        v = pink.solve_ik(configuration, tasks, time_step, "daqp", damping=DAMPING)
+        v = pink.solve_ik(configuration, tasks, time_step, "daqp", damping=_DAMPING)
         configuration.integrate_inplace(v, time_step)
 
     return move, lambda: np.array(configuration.q)
@@ -74,7 +73,7 @@ def mink_follower(planned: PlannedWalk, q: Array) -> Follower:
             rotation = mink.SO3.from_matrix(turn[foot])
             task.set_target(mink.SE3.from_rotation_and_translation(rotation, sole[foot]))
         com.set_target(place)
-        v = mink.solve_ik(configuration, tasks, time_step, "daqp", damping=DAMPING)
+        v = mink.solve_ik(configuration, tasks, time_step, "daqp", damping=_DAMPING)
         configuration.integrate_inplace(v, time_step)
 
     return move, lambda: to_pinocchio(configuration.q, still)[0]

@@ -36,8 +36,7 @@ _LARGEST = 1e4  # of a model's numbers, in SI units
 _PASSIVE = ("dof_damping", "dof_frictionloss", "dof_armature", "jnt_stiffness")
 _BOUND = 0.5 * MASSLESS  # written for less, as MuJoCo compiles no moving body without mass
 _MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # places in MJCF's fullinertia
-Sides = Annotated[tuple[str, str], Field(strict=False)]  # also a list
-"""Names of left and right."""
+Sides = Annotated[tuple[str, str], Field(strict=False)]  # names of left and right, also as a list
 Patterns = Annotated[tuple[re.Pattern[str], ...], Field(strict=False)]
 ByPattern = Mapping[re.Pattern[str], Annotated[Real, Field(ge=0)]]
 Range = Annotated[tuple[Real, Real], Field(strict=False)]

@@ -26,8 +26,7 @@ from validation.trial.bridge import passive_joints, rotation
 # It warns of contact between rigid and soft bodies, which does not occur here.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
-_RIGID = 1e25
-"""Stiffness of the floor [N/m]: that of a contact is the sole point's. Infinity would give NaN."""
+_RIGID = 1e25  # stiffness of the floor [N/m]: that of a contact is the sole point's; infinity gives NaN
 _LARGEST = 1e10  # largest number in a state that MuJoCo steps
 _ZERO = np.zeros(3)
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)

@@ -255,8 +255,7 @@ PLANNER = Role(
     otherwise="a table FILE.csv or FILE.parquet, or MODULE:CLASS",
 )
 
-ROLES = (CONTROLLER, ESTIMATOR, PLANNER)
-"""All parts of a walk that may be a user's own class."""
+_ROLES = (CONTROLLER, ESTIMATOR, PLANNER)  # all parts of a walk that may be a user's own class
 
 
 def check_classes(run: RunParameters) -> None:
@@ -264,7 +263,7 @@ def check_classes(run: RunParameters) -> None:
 
     Nothing is imported for a name of ours without options; a planner is not made.
     """
-    for role in ROLES:
+    for role in _ROLES:
         name, options = role.named(run)
         if name not in role.known or options:
             role.find(name, options)
@@ -276,7 +275,7 @@ def users_classes(value: Any) -> dict[str, Any]:
     Raises :class:`InputError` if there is no such controller, planner or estimator.
     """
     if isinstance(value, RunParameters):
-        named = ((role, *role.named(value)) for role in ROLES)
+        named = ((role, *role.named(value)) for role in _ROLES)
         return {name: role.find(name, options) for role, name, options in named if name not in role.known}
     if is_dataclass(value):
         value = vars(value)

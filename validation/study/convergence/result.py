@@ -23,8 +23,7 @@ from validation.trial.plan import Request
 
 CONFIRMED, UNCONFIRMED = 1.25, 3.0
 """Roache's factors of safety: with the order observed twice, and without, where it is taken to be 1."""
-ORDERS = (0.5, 2.5)
-"""Range of orders observed with a method of first or second order; others are accidental."""
+_ORDERS = (0.5, 2.5)  # range observed with a method of first or second order; others are accidental
 AGREEMENT = 0.25
 """Largest difference of the orders of two triplets that confirm each other."""
 _ROUNDING = 1e-12  # relative; smaller differences are rounding errors
@@ -78,7 +77,7 @@ def estimate(levels: Iterable[float], ratio: float, *, forbidden: bool = False) 
     if spread <= _ROUNDING * max(abs(value) for value in values):
         return Estimate("constant", orders, spread, spread)
     last, pair = abs(changes[-1]), orders[-2:]
-    in_range = all(ORDERS[0] <= order <= ORDERS[1] for order in pair)  # false for NaN
+    in_range = all(_ORDERS[0] <= order <= _ORDERS[1] for order in pair)  # false for NaN
     if forbidden or len(pair) < 2 or not in_range or abs(pair[0] - pair[1]) > AGREEMENT:
         # The larger of the last two changes, at first order: the last one may be accidentally small.
         beyond = UNCONFIRMED * max(last, abs(changes[-2]) / ratio) / (ratio - 1.0)
