@@ -71,7 +71,8 @@ class LogFacts:
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Self:
         """Those of a summary, its strides as a mapping."""
-        values: dict[str, Any] = {item.name: entry.get(item.name.rstrip("_")) for item in fields(cls)}
+        known = {"left_out": 0.0, "empty": 0.0, **entry}  # which folders of earlier versions lack
+        values: dict[str, Any] = {item.name: known.get(item.name.rstrip("_")) for item in fields(cls)}
         return cls(**values)
 
     def as_dict(self) -> dict[str, Any]:
