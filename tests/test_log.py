@@ -35,7 +35,7 @@ def folder(run_of):
 
 @pytest.fixture(scope="module")
 def summary(folder):
-    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return val.load(folder).summary
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def value(trial, name):
     return trial.metrics[name].value
 
 
-def test_every_row_of_a_run_gives_its_metrics(folder, summary):
+def test_every_row_of_a_run_gives_its_metrics(folder, summary, monkeypatch):
     """A run's folder is a log, too; the controller that a plan's run names is not imported."""
     trial = val.judge_log(folder, folder, settings=["controller.name=a:B"], start=0.0, place=(0.0, 0.0))
     known = {name: item for name, item in trial.metrics.items() if not math.isnan(item.value)}
@@ -80,6 +80,10 @@ def test_every_row_of_a_run_gives_its_metrics(folder, summary):
         assert trial.summary["margins"][name] == summary["margins"][name], name
     assert trial.summary["margins"]["torque"]["value"] is None
     assert trial.record.time[-1] == pytest.approx(val.load(folder).record.time[-1])
+    other = plan_walk(load_request("normal", ["gait.c_y=0.93"]))  # as of a table that has changed
+    monkeypatch.setattr("validation.run.judge_log.plan_walk", lambda request, progress: other)
+    with pytest.raises(InputError, match="mm from the recorded one: a table, its class or ampm"):
+        val.judge_log(folder, folder)
 
 
 def test_start_and_place_are_found_and_said(folder, summary, table):

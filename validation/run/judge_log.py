@@ -12,6 +12,7 @@ from ampm.exceptions import InputError
 from ampm.files import quoted
 from ampm.parameters import NO_PLAN, RunParameters
 from ampm.section import misspelt
+from ampm.walk import WalkPlan
 from validation.judge.compare import compare
 from validation.judge.log import align, whole_steps
 from validation.judge.metrics import added_metrics, evaluate
@@ -30,6 +31,7 @@ from validation.trial.record import FEET
 from validation.trial.users import SUFFIXES, read_columns, real_numbers
 
 _OF_WALKS = frozenset({"controller", "disturbance", "sensors", "simulation", "contact"})  # sections
+_REPEATED = 1e-6  # largest difference of a plan's COM from the recorded one of equal code [m]
 
 
 def judge_log(
@@ -83,6 +85,8 @@ def judge_log(
     for column, meant in misspelt(signals, NAMES[1:]):
         progress.say(f"{name}: column {column} is not used; did you mean {meant}?")
     planned = plan_walk(request, progress)
+    if not (isinstance(plan, RunParameters) or settings) and names_folder(plan):
+        _check_recorded(load_saved_run(plan), planned.plan)
     seconds = {"planning": planned.seconds}
     with timed(seconds, "measurement"), progress.stage(f"{planned.name}: log"):
         reference = planned.plan
@@ -148,3 +152,16 @@ def _request(plan: RunParameters | str | Path, settings: Sequence[str]) -> Reque
     else:
         request = load_request(str(plan), settings, walked=False)
     return replace(request, run=request.run.undisturbed)
+
+
+def _check_recorded(saved: SavedRun, plan: WalkPlan) -> None:
+    """Refuse the plan of a run, made anew, if it is not the recorded one: a table or class has changed."""
+    if saved.record.changes:  # other plans were recorded, too
+        return
+    now = plan.sample(np.minimum(saved.signals.time, plan.duration)).com
+    off = float(np.abs(now - saved.signals.vector("plan_com", "xyz")).max())
+    if off > _REPEATED:
+        raise InputError(
+            f"{saved.directory}: its plan, made anew, is {1e3 * off:.3g} mm from the recorded one: a table, "
+            "its class or ampm has changed; walk it again."
+        )
