@@ -302,13 +302,11 @@ def test_the_command_judges_and_keeps(folder, table, tmp_path, ampm):
     write_columns(table, log := tmp_path / "log.csv")
     out = tmp_path / "again"
     answer = ampm("judge", log, "--plan", folder, "--out", out, "--json")
-    assert answer.status == 0, answer.err
-    assert answer.json["verdict"] == "pass"
+    assert (answer.status, answer.json["verdict"]) == (0, "pass"), answer.err
     assert answer.json["directory"] == str(out)
     assert json.loads((out / "summary.json").read_text())["metrics"] == answer.json["metrics"]
     again = ampm("judge", log, "--plan", folder, "--out", out)
-    assert again.status == 2
-    assert "exists" in again.err
+    assert (again.status, "exists" in again.err) == (2, True)
     answer = ampm("compare", out, folder)  # a log is a folder like that of a run
     assert "track the ZMP equally well" in answer.out
 
