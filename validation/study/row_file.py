@@ -25,13 +25,14 @@ _SYNC_EVERY = 1.0  # of the disk [s]
 class RowFile:
     """Rows of a folder, or of a temporary file. One process at a time may have a folder open.
 
-    A row is found by its key and its digest, so rows of other parameters or other code do not count. Only
-    the places of the lines are kept in memory. Raises :class:`InputError` if another program has the folder
-    open, or its file is damaged.
+    Only the last row of a key counts, whose run a folder holds, and only if it has the digest: not one of
+    other parameters or other code. Only the places of the lines are kept in memory. Raises
+    :class:`InputError` if another program has the folder open, or its file is damaged.
     """
 
     def __init__(self, folder: Path | None) -> None:
-        self._lines: dict[tuple[str, str], tuple[int, int]] = {}  # begin and length of a row's last line
+        # by key: digest, begin and length of its last line
+        self._lines: dict[str, tuple[str, int, int]] = {}
         self._synced = 0.0
         if folder is None:
             self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()
@@ -45,9 +46,9 @@ class RowFile:
                 if row is None:
                     self._file.truncate(start)
                 elif row.get("outcome") in UNFINISHED:
-                    self._lines.pop((row["key"], row["digest"]), None)
+                    self._lines.pop(row["key"], None)
                 else:
-                    self._lines[row["key"], row["digest"]] = start, length
+                    self._lines[row["key"]] = row["digest"], start, length
         except (BlockingIOError, InputError) as error:
             self._file.close()
             if isinstance(error, InputError):
@@ -56,11 +57,9 @@ class RowFile:
 
     def get(self, key: str, digest: str) -> Row | None:
         """The row of a task, None if it has not finished."""
-        if (key, digest) not in self._lines:
-            return None
-        start, length = self._lines[key, digest]
+        known, start, length = self._lines.get(key, ("", 0, 0))
         self._file.seek(start)
-        return json.loads(self._file.read(length))
+        return json.loads(self._file.read(length)) if known == digest else None
 
     def append(self, row: Row) -> None:
         """Add a row. It survives a kill when this returns, and a power cut a second later.
@@ -72,7 +71,7 @@ class RowFile:
         if self._file.write(line) != len(line):
             self._file.truncate(start)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file.name))
-        self._lines[row["key"], row["digest"]] = start, len(line)
+        self._lines[row["key"]] = row["digest"], start, len(line)
         if time.monotonic() - self._synced > _SYNC_EVERY:
             os.fsync(self._file)
             self._synced = time.monotonic()
