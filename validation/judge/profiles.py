@@ -48,7 +48,9 @@ class Profile:
     leaves_out: tuple[str, ...] = ()  # metrics that it does not judge
 
     def __post_init__(self) -> None:
-        """Remember the name, for :func:`find_profile`."""
+        """Remember the name, for :func:`find_profile`; refuse a base that is no profile."""
+        if not isinstance(self.base, Profile | None):
+            raise InputError(f"profile {self.name!r} has the base {self.base!r}; give a Profile, or None.")
         _NAMES.add(self.name)
 
     @property
@@ -121,12 +123,14 @@ def unpushed_profile(run: RunParameters) -> Profile:
 
 
 def find_profile(name: Profile | str) -> Profile:
-    """The profile of a name; InputError if it, or that of a limit, is unknown, or has the name of ours."""
+    """The profile of a name; InputError if it, its metrics or a limit's are unknown, or it has our name."""
     if not isinstance(name, Profile) and str(name) not in PROFILES:
         raise unknown(str(name), PROFILES, "profile")
     found = name if isinstance(name, Profile) else PROFILES[name]
     if PROFILES.get(found.name, found) != found:
         raise InputError(f"profile '{found.name}' is built in; give yours another name.")
+    if wrong := set(found.leaves_out) - METRICS.keys():
+        raise unknown(min(wrong), METRICS, f"metric that profile '{found.name}' leaves out:")
     for metric in METRICS.values():
         if wrong := metric.tolerances.keys() - _NAMES - {found.name}:
             raise unknown(min(wrong), sorted(_NAMES), f"profile for a limit of '{metric.name}':")
