@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -396,17 +397,14 @@ def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
 
 
 def test_a_long_array_decides_on_the_digest():
-    one, other = np.zeros(5000), np.zeros(5000)
-    other[2500] = 1.0
+    one, other = np.zeros(5000), np.eye(1, 5000, 2500)[0]
     digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
     assert digests[0] == digests[1] != digests[2]
 
 
 def test_what_a_function_holds_decides_on_the_digest():
-    def adder(number: int) -> Any:
-        return lambda other: number + other
-
-    for make in (adder, partial(partial, square)):
+    makers: Any = (lambda n: lambda: n, lambda n: lambda m=n: m, lambda n: Fraction(n).limit_denominator)
+    for make in (*makers, partial(partial, square)):
         assert Task("a", make(1)).digest == Task("a", make(1)).digest != Task("a", make(2)).digest
 
 
@@ -422,6 +420,8 @@ def test_the_digest_of_a_scripts_function_is_the_same_while_workers_run(tmp_path
         assert Task("a", main.work).digest == before
     script.write_text("def work():\n    return {'outcome': 'completed'}\n")
     assert Task("a", main.work).digest != before
+    main.__file__ = "<stdin>"
+    assert Task("a", main.work).digest != Task("a", main.work).digest  # nobody can read it
 
 
 def test_digest_is_of_all_that_decides_on_a_row(tmp_path):

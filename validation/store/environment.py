@@ -130,11 +130,13 @@ def users_file(module: Any) -> str | None:
 
 
 def users_sources(module: str) -> str:
-    """Hash of a user's module and of the user's modules that it imports; empty for other modules."""
+    """Hash of a user's module and of those that it imports, new if nobody can read it; else empty."""
     files, names = dict[str, bytes](), [module]
     for name in names:  # which grow
         found: Any = sys.modules.get(name)
         file = users_file(found)
+        if name == "__main__" and not os.path.isfile(file or ""):
+            return os.urandom(_DIGITS).hex()  # typed, or read from a pipe: nothing tells whether it changed
         if name in files or file is None:
             continue
         files[name] = source = Path(file).read_bytes()

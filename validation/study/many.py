@@ -9,7 +9,7 @@ import inspect
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -69,8 +69,10 @@ def identity(value: Any) -> str:
         return identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
         thing: Any = value
-        cells = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
-        held = [kept for kept in cells if kept is not value]
+        held = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
+        held += [getattr(thing, name, None) for name in ("__defaults__", "__kwdefaults__")]
+        held += [thing.__self__] if inspect.ismethod(thing) else []
+        held = [kept for kept in held if kept is not value]
         return f"{thing.__module__}:{thing.__qualname__} {users_sources(thing.__module__)} {identity(held)}"
     if hasattr(value, "__dict__"):
         return f"{identity(type(value))} {identity(vars(value))}"
@@ -179,7 +181,7 @@ def walk_many(
         show(*["waiting for workers"] * (not pool.size()))
 
     try:
-        with progress.stage(label, unit) as stage, ExitStack() as opened:
+        with closing(rows), progress.stage(label, unit) as stage, ExitStack() as opened:
             pool: Workers | ThisProcess | None = None  # no process without a walk
             for task in tasks:
                 if (row := rows.get(task.key, task.digest)) is not None:
@@ -203,8 +205,6 @@ def walk_many(
         if disk_is_full(error):
             raise StudyStopped(f"the disk is full ({error})", "free some space") from error
         raise
-    finally:
-        rows.close()
 
 
 def walk_request(request: Request, profile: str | None = None) -> Trial:

@@ -45,10 +45,9 @@ class RowFile:
             for start, length, row in _lines(folder / ROWS):
                 if row is None:
                     self._file.truncate(start)
-                elif row.get("outcome") in UNFINISHED:
-                    self._lines.pop(row["key"], None)
                 else:
-                    self._lines[row["key"]] = row["digest"], start, length
+                    digest = "" if row.get("outcome") in UNFINISHED else row["digest"]
+                    self._lines[row["key"]] = digest, start, length
         except (BlockingIOError, InputError) as error:
             self._file.close()
             if isinstance(error, InputError):

@@ -173,14 +173,14 @@ def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> For
     progress, planned = execution.get("progress") or Progress(), len(definition)
     folder = study_folder(execution if execution.get("resume") else {**execution, "out": None})
     kept_rows = read_rows(folder) if folder is not None and (folder / ROWS).is_file() else ()
-    known = {(row["key"], row["digest"]) for row in kept_rows if row.get("outcome") not in UNFINISHED}
+    known = {row["key"]: row["digest"] for row in kept_rows if row.get("outcome") not in UNFINISHED}
     runs = np.unique(np.linspace(0, planned - 1, min(planned, _CHECKED)).astype(int)).tolist()
     with progress.stage("refusals by formula", "runs") as stage:
         tasks = []
         for number, run in enumerate(runs):
             stage.advance(number, len(runs))
             tasks.append(task_of(definition, run))
-    tasks = [task for task in tasks if (task.key, task.digest) not in known]
+    tasks = [task for task in tasks if known.get(task.key) != task.digest]
     rows = [{"key": task.key, **task.known} for task in tasks if task.known is not None]
     taken: dict[str, float] = {}
     for task in [task for task in tasks if task.known is None][:_TRIED]:
