@@ -3,7 +3,7 @@
 Two runs of one revision on one machine have the same bits, so only a difference beyond rounding counts.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -62,6 +62,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     """Compare a sweep, by folder or table, with a reference, the first; InputError without a common run."""
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     rows_a, rows_b = join(a, b)
+    sides = (b, rows_b), (a, rows_a)
     judged = dict.fromkeys((*a.judged, *b.judged))
     metrics = [name for name in judged if METRIC + name in a and METRIC + name in b]
     worse, crossed, counts = np.zeros((3, len(metrics), len(rows_a)), dtype=bool)
@@ -70,9 +71,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         before, after = a.numbers(METRIC + name)[rows_a], b.numbers(METRIC + name)[rows_b]
         both = completed & np.isfinite(before) & np.isfinite(after)
         growth = np.subtract(after, before, out=np.zeros(len(rows_a)), where=both)
-        limits = [
-            side.limit_values(name)[rows] for side, rows in ((b, rows_b), (a, rows_a)) if name in side.limits
-        ]
+        limits = [side.limit_values(name)[rows] for side, rows in sides if name in side.limits]
         limit = limits[0]
         noise = rounding(np.fmax(before, after), a.unit(METRIC + name))
         is_lost = completed & np.isfinite(before) & ~np.isfinite(after)
@@ -102,35 +101,33 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     return SweepComparison(f"{b.source} (B) against {a.source} (A)", len(rows_a), changes)
 
 
-def join(a: SweepTable, b: SweepTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of the runs that both sweeps have, in the order of the first: either varies nothing else.
+def join(a: SweepTable, b: SweepTable) -> NDArray[np.intp]:
+    """Rows of the runs that both sweeps have, in each, shape (2, N): either varies nothing else.
 
     Raises :class:`InputError` if no run is in both.
     """
     varied = list(dict.fromkeys(key for side in (a, b) for key in side.metadata["varied"]))
     if any(len(side.table.column("gait").unique()) > 1 for side in (a, b)):
         varied.append("gait")
-    rows_a = rows_b = np.array([], dtype=np.intp)
+    pairs = list[tuple[int, int]]()
     if all(key in side for key in varied for side in (a, b)):
-        values_a, values_b = (_numbered(side.table.select(varied).to_pylist()) for side in (a, b))
-        _, rows_a, rows_b = np.intersect1d(values_a, values_b, return_indices=True)
-    if not len(rows_a):
+        places_a, places_b = (_places(side.table.select(varied).to_pylist()) for side in (a, b))
+        pairs = [(row, places_b[text]) for text, row in places_a.items() if text in places_b]
+    if not pairs:
         ranges = " and ".join(", ".join(sorted(side.metadata["varied"])) for side in (a, b))
         raise InputError(
             f"no run of {a.source} is in {b.source} (they have {len(a)} and {len(b)} runs, and vary "
             f"{ranges}); give two sweeps of the same definition."
         )
-    order = np.argsort(rows_a)
-    return rows_a[order], rows_b[order]
+    return np.array(pairs, dtype=np.intp).T
 
 
-def _numbered(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Texts of rows, with a number, as a sweep of whole numbers may draw a row again."""
-    texts, seen = list(map(str, rows)), Counter[str]()
-    for place, text in enumerate(texts):
-        texts[place] = f"{text} {seen[text]}"
-        seen[text] += 1
-    return texts
+def _places(rows: Iterable[Mapping[str, Any]]) -> dict[tuple[str, int], int]:
+    """Places of rows by text and number, as a sweep of whole numbers may draw a row again."""
+    seen = defaultdict[str, list[int]](list)
+    for place, row in enumerate(rows):
+        seen[str(row)].append(place)
+    return {(text, number): place for text, found in seen.items() for number, place in enumerate(found)}
 
 
 def _notes(a: SweepTable, b: SweepTable) -> Iterator[str]:
