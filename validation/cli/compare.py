@@ -77,7 +77,7 @@ def compare(
         )
     found: WalkComparison | SweepComparison
     if sweeps:
-        if len(sweeps) != 2 or sweeps != walks or studies or survived:
+        if len({Path(text).resolve() for text in sweeps}) != 2 or sweeps != walks or studies or survived:
             raise InputError(f"{sweeps[0]} is a sweep; compare it with one other sweep, without studies.")
         found = compare_sweeps(*sweeps)
         status = Status.OUT_OF_TOLERANCE if found.counts else Status.PASS

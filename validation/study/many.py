@@ -13,6 +13,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
+from reprlib import recursive_repr
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -52,6 +53,7 @@ class Task:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+@recursive_repr()
 def identity(value: Any) -> str:
     """Text that is equal for equal values, in every process."""
     if isinstance(value, BaseModel):  # with the keys that count as given
@@ -68,12 +70,10 @@ def identity(value: Any) -> str:
     if isinstance(value, partial):
         return identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
-        thing: Any = value
-        held = [cell.cell_contents for cell in getattr(thing, "__closure__", None) or ()]
-        held += [getattr(thing, name, None) for name in ("__defaults__", "__kwdefaults__")]
-        held += [thing.__self__] if inspect.ismethod(thing) else []
-        held = [kept for kept in held if kept is not value]
-        return f"{thing.__module__}:{thing.__qualname__} {users_sources(thing.__module__)} {identity(held)}"
+        held = [cell.cell_contents for cell in getattr(value, "__closure__", None) or ()]
+        held += [getattr(value, name, None) for name in ("__defaults__", "__kwdefaults__")]
+        held += [value.__self__] if inspect.ismethod(value) else []
+        return f"{value.__module__}:{value.__qualname__} {users_sources(value.__module__)} {identity(held)}"
     if hasattr(value, "__dict__"):
         return f"{identity(type(value))} {identity(vars(value))}"
     return repr(value)

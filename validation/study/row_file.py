@@ -31,8 +31,7 @@ class RowFile:
     """
 
     def __init__(self, folder: Path | None) -> None:
-        # by key: digest, begin and length of its last line
-        self._lines: dict[str, tuple[str, int, int]] = {}
+        self._lines: dict[str, tuple[str, int, int]] = {}  # by key: digest, begin, length of its last line
         self._synced = 0.0
         if folder is None:
             self._file: Any = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  # closed by close()

@@ -59,9 +59,11 @@ class SweepComparison(Tabled):
 
 
 def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> SweepComparison:
-    """Compare a sweep, by folder or table, with a reference, the first; InputError without a common run."""
+    """Compare a sweep, by folder or table, with a reference, the first; InputError without a run to match."""
     a, b = (side if isinstance(side, SweepTable) else read_sweep(side) for side in (a, b))
     rows_a, rows_b = join(a, b)
+    if not a.measured[rows_a].any():
+        raise InputError(f"no run of {a.source} was measured, so none gets worse; give one that walks.")
     sides = (b, rows_b), (a, rows_a)
     judged = dict.fromkeys((*a.judged, *b.judged))
     metrics = [name for name in judged if METRIC + name in a and METRIC + name in b]
@@ -79,10 +81,9 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
         crossed[number] = (a.used(name)[rows_a] > 1.0) != (b.used(name)[rows_b] > 1.0)
         is_new = name in b.limits and name not in a.limits
         counts[number] = is_lost | (np.abs(growth) > noise) | (limit != limits[-1]) | is_new
-    passed, passes = a.is_state(RunState.PASS)[rows_a], b.is_state(RunState.PASS)[rows_b]
     # A verdict may change by a difference below the noise, which is no result.
     is_noise = crossed.any(axis=0) & ~(crossed & counts).any(axis=0)
-    failing = passed & ~passes & ~is_noise
+    failing = a.is_state(RunState.PASS)[rows_a] & ~b.is_state(RunState.PASS)[rows_b] & ~is_noise
     what = np.select([failing, worse.any(axis=0) | (a.measured[rows_a] & ~b.measured[rows_b])], KINDS[:2], "")
     labels, shown = [b.label(name) for name in metrics], worse | crossed
     found = [
@@ -93,8 +94,7 @@ def compare_sweeps(a: Path | str | SweepTable, b: Path | str | SweepTable) -> Sw
     names, varied = a.words("name"), [key for key in dict.fromkeys((*a.varied, *b.varied)) if key in a]
     rows = []
     for kind, row, state, why in sorted(found, key=lambda item: (KINDS.index(item[0]), item[1])):
-        values = {key: format_value(a.table.column(key)[row].as_py()) for key in varied}
-        parameters = ", ".join(f"{key} {value}" for key, value in values.items())
+        parameters = ", ".join(f"{key} {format_value(a.table.column(key)[row].as_py())}" for key in varied)
         rows.append((kind, names[row], a.states[row].label, state, why, parameters))
     columns = ("change", "run", "in A", "in B", "metrics", "parameters")
     changes = Table("regressions", columns, rows, tuple(_notes(a, b)))
