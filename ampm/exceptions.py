@@ -19,7 +19,7 @@ class InputError(AmpmError):
     """
 
     def __init__(self, message: str = "", **details: Any) -> None:
-        super().__init__(message)
+        super().__init__(" ".join(str(message).split()))
         self.details = {name: value for name, value in details.items() if value is not None}
 
 
@@ -64,9 +64,9 @@ class SolverError(AmpmError):
 
 
 def words_of(error: BaseException) -> str:
-    """Message of an error; empty where making it fails."""
+    """Message of an error in one line; empty where making it fails."""
     try:
-        return str(error)
+        return " ".join(str(error).split())
     except Exception:
         return ""
 

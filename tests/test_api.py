@@ -1,5 +1,6 @@
 """Public API: ``import ampm, validation as val``."""
 
+import os
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace
@@ -87,6 +88,7 @@ class Late:
     """A controller of a user's own, without a QP, that fails in mid-walk."""
 
     def __init__(self, robot, run):
+        os.chdir("/")  # relative paths of the walk itself are not of there
         self.torque = np.zeros(robot.nu)
 
     def update(self, state, touch, reference):

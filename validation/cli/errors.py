@@ -40,7 +40,7 @@ def describe_error(error: BaseException) -> dict[str, Any]:
 def explain(error: BaseException) -> tuple[Status, str]:
     """Exit status and one sentence for an error."""
     status = next((status for kind, status in _STATUSES if isinstance(error, kind)), Status.CRASH)
-    text, way_out = _one_line(words_of(error)), ""
+    text, way_out = words_of(error), ""
     if status is Status.INTERRUPTED:
         text = "interrupted"
     elif isinstance(error, typer.TyperException):
@@ -58,9 +58,9 @@ def explain(error: BaseException) -> tuple[Status, str]:
     elif status is Status.CRASH:
         text = f"crash of ampm itself ({type(error).__name__}: {text}); please report it."
     for note in getattr(error, "__notes__", ()):
-        text = f"{text.removesuffix('.')}; {_one_line(note)}"
+        text = f"{text.removesuffix('.')}; {note}"
+    text = " ".join(text.split())
     if status not in (Status.INTERRUPTED, Status.CRASH):
-        text = _one_line(text)
         text += way_out if text.endswith((".", "?", "!")) else f".{way_out}"
     return status, text
 
@@ -77,7 +77,3 @@ def _bad_value(error: Any) -> str:
     example = " ".join([str(10 if error.param.default is None else error.param.default)] * error.param.nargs)
     given = reprlib.repr(detail["input"])
     return f"{name} {given} {limit_of(detail)}; write for example {name} {example}."
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

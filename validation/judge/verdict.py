@@ -167,7 +167,12 @@ def judge(
         ended: how the walk ended, see :attr:`validation.trial.outcome.Outcome.ending`; empty if it completed.
         log: given if another instrument measured, which may lack signals or what :attr:`LogFacts.lacks`
             names. It checks no measurement by another.
+
+    Raises :class:`InputError` if a metric is not registered.
     """
+    if unknown := [name for name in metrics if name not in METRICS]:
+        way_out = "register them, or name them with --metric, or walk again if another version made the run"
+        raise InputError(f"metrics not known here: {', '.join(unknown)}; {way_out}.")
     limits = {name: item for name, item in profile.tolerances.items() if name in metrics}
     known = uncertainty or Uncertainty("", 0, {})
     results = []
@@ -309,12 +314,8 @@ def _entries(verdict: Verdict) -> dict[str, Any]:
 
 
 def judge_summary(summary: Mapping[str, Any], profile: Profile, ended: str = "") -> dict[str, Any]:
-    """A run's summary, its metrics judged again by a profile; raises InputError of an unknown one."""
+    """A run's summary, its metrics judged again by a profile; raises as :func:`judge`."""
     entries = summary["metrics"]
-    if unknown := [name for name in entries if name not in METRICS]:
-        names = ", ".join(unknown)
-        own = "register them, or name them with --metric, or walk again if another version made the run"
-        raise InputError(f"metrics not known here: {names}; {own}.")
 
     def of(key: str) -> dict[str, float]:
         """Numbers of the summary, in which infinity is a word."""

@@ -1,7 +1,7 @@
 """The trial of one gait: plan, walk, measure, compare, judge."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -59,7 +59,7 @@ def walk(
     if not (controller is None or isinstance(controller, str) or callable(controller)):
         raise InputError(f"{controller!r} cannot be the controller; give a class or function, or a name.")
     if isinstance(planner, type) or not (isinstance(planner, str | Path | None) or hasattr(planner, "plan")):
-        raise InputError(f"{planner!r} cannot be the planner; give an object with a method plan, or a name.")
+        raise InputError(f"{planner!r:.60} cannot plan; give an object with a method plan, or a name.")
     check_disturbances(disturbances)
     if isinstance(footsteps, str | Path):
         footsteps = read_footsteps(footsteps)
@@ -97,7 +97,8 @@ def walk_planned(
     run, body, progress = planned.run, planned.body, progress or Progress()
     profile = find_profile(profile or own_profile(run, disturbances))
     taken = {"planning": planned.seconds}
-    with timed(taken, "simulation"), progress.stage(f"{planned.name}: simulation", "steps") as stage:
+    stage_name = f"{planned.name}: simulation"
+    with timed(taken, "simulation"), progress.stage(stage_name, "steps") as stage, chdir("."):
 
         def advance(done: int, total: int) -> None:
             interruption.check()

@@ -95,7 +95,7 @@ def check_disturbances(given: Any) -> None:
     listed = given if isinstance(given, list | tuple) else [None]
     if not all(hasattr(one, "apply") and not isinstance(one, type) for one in listed):
         wanted = "a list of objects with a method apply(time, plant)"
-        raise InputError(f"{given!r} cannot be the disturbances; give {wanted}.")
+        raise InputError(f"{given!r:.60} cannot be the disturbances; give {wanted}.")
 
 
 @dataclass(frozen=True)

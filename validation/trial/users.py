@@ -73,12 +73,12 @@ class UsersCode:
         """Raise an error that names the class."""
         if error is None:  # nearly always, at every control tick
             return
-        kept = (UsersError, SolverError) if self.walking else AmpmError
+        kept = (UsersError, SolverError) if self.walking else (AmpmError,)
         name = getattr(self.thing, "__qualname__", None) or type(self.thing).__name__
         refusal = isinstance(error, RefusedGait | InputError) and not isinstance(error, UsersError)
         if refusal and not self.walking:
             error.add_note(f"so says the {self.what} {name}")
-        if isinstance(error, Exception | SystemExit) and not isinstance(error, kept):
+        if not isinstance(error, (*kept, KeyboardInterrupt)):
             frames = [(Path(frame.filename), frame.lineno) for frame in traceback.extract_tb(trace)]
             places = [at for at in frames if not any(map(at[0].is_relative_to, (*_OURS, _STANDARD)))]
             users = [at for at in places if is_users(str(at[0]))] or places
@@ -125,8 +125,10 @@ def load_object(option: str, text: str) -> Any:
     try:
         return attrgetter(name)(import_module(module))
     except (Exception, SystemExit) as error:
-        similar = nearest(name, vars(sys.modules.get(module, object)))
-        way_out = f"did you mean {module}:{similar}?" if similar else "mend it."
+        file = getattr(sys.modules.get(module), "__file__", None)  # may be another module of this name
+        way_out = f"add it to {file}, or rename your module." if file else "mend it."
+        if similar := nearest(name, vars(sys.modules.get(module, object))):
+            way_out = f"did you mean {module}:{similar}?"
         if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
             way_out = f"start where {module.replace('.', '/')}.py is, or correct the name."
         raise InputError(
@@ -330,9 +332,9 @@ def planner_problem(made: Any) -> str:
 
 def replan_period(planner: Any) -> float:
     """Time from one call of a planner's ``replan`` to the next; infinite if there is none [s]."""
-    if not hasattr(planner, "replan"):
-        return math.inf
     with UsersCode("planner", planner):
+        if not hasattr(planner, "replan"):
+            return math.inf
         period = float(getattr(planner, "replan_period", 0.0))
         if not period >= 0.0:
             raise ValueError(f"its replan_period is {period} s; give a number of seconds, 0 or more")
