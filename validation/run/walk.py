@@ -94,11 +94,10 @@ def walk_planned(
     By default the profile is the walk's own, and the controller the one that the run names. ``keep`` is
     called with the record before it is measured.
     """
-    run, body, progress = planned.run, planned.body, progress or Progress()
+    run, body, name, progress = planned.run, planned.body, planned.name, progress or Progress()
     profile = find_profile(profile or own_profile(run, disturbances))
     taken = {"planning": planned.seconds}
-    stage_name = f"{planned.name}: simulation"
-    with timed(taken, "simulation"), progress.stage(stage_name, "steps") as stage, chdir("."):
+    with timed(taken, "simulation"), progress.stage(f"{name}: simulation", "steps") as stage, chdir("."):
 
         def advance(done: int, total: int) -> None:
             interruption.check()
@@ -106,7 +105,7 @@ def walk_planned(
 
         record = simulate(planned, controller=controller, disturbances=disturbances, progress=advance)
         keep(record)
-    with timed(taken, "measurement"), progress.stage(f"{planned.name}: measurement"):
+    with timed(taken, "measurement"), progress.stage(f"{name}: measurement"):
         measured = measure(record, planned.scene.robot.model, passive_joints(planned.scene.model.compile()))
         description = body.model.description
         comparison = compare(planned.plan, record, measured, description=description, shapes=body.shapes)

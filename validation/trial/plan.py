@@ -9,7 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -308,6 +308,7 @@ def plan_walk(
     with (
         progress.stage(f"{request.name}: whole-body motion"),
         _way_out(asked) if checked else users.UsersCode("planner", planner),
+        chdir("."),  # relative paths hold after it
     ):
         plan = planner.plan(run.undisturbed, body.robot if checked else body.own_robot())
         if not isinstance(plan, WalkPlan):

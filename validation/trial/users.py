@@ -10,7 +10,7 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -312,7 +312,7 @@ def load_planner(text: str, options: Mapping[str, Option] = MappingProxyType({})
         return PeriodicPlanner(text)
     if isinstance(factory, TablePlanner):
         return factory
-    with UsersCode("planner", factory):
+    with UsersCode("planner", factory), chdir("."):
         planner: Planner = factory(**options)
     return planner
 
