@@ -196,8 +196,8 @@ def _compute(metric: Metric, walk: Comparison) -> float | None:
         if own and (not isinstance(value, Real | np.bool_) or value == -math.inf):
             raise TypeError(f"it returned {str(value)[:40]} of type {type(value).__name__}, not a number")
         return None if value is None else float(value)
-    except (Exception, SystemExit) as error:
-        if not own:
+    except BaseException as error:
+        if not own or isinstance(error, KeyboardInterrupt):
             raise
         logging.getLogger("ampm").warning(
             f"metric '{metric.name}' is not measured ({type(error).__name__}: {words_of(error)}); correct "
