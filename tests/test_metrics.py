@@ -95,10 +95,7 @@ NO_NUMBERS = (None, "1", 1j, [1.0], np.zeros(3), -math.inf)
         (lambda walk: walk.nonsense, "AttributeError"),
         (lambda walk: walk.signals["zmp_x"].clear(), "AttributeError"),  # what is judged stays
         (lambda walk: walk.measured.zmp.fill(0.0), "ValueError: .* read-only"),
-        (
-            lambda walk: (_ for _ in ()).throw(GeneratorExit),
-            "GeneratorExit",
-        ),  # as a panic of Rust, no Exception
+        (lambda walk: (_ for _ in ()).throw(GeneratorExit), "GeneratorExit"),  # as a panic of Rust
         *((lambda walk, value=value: value, "TypeError: it returned .* not a") for value in NO_NUMBERS),
     ],
 )
