@@ -96,7 +96,7 @@ class TrackingController:
             reference: what is planned at this instant.
 
         Returns:
-            Torque and command, in arrays that the next tick overwrites.
+            Torque and command, in arrays of the caller's own, to keep or change.
 
         Raises:
             ValueError: an array has another shape.
@@ -127,17 +127,17 @@ class TrackingController:
         self._keep(first)
         self._first = False
         return ControlOutput(
-            work.joints.torque,
-            work.command.force,
-            work.command.zmp,
-            work.command.angular_momentum,
-            work.contact.point_force,
+            work.joints.torque.copy(),
+            work.command.force.copy(),
+            work.command.zmp.copy(),
+            work.command.angular_momentum.copy(),
+            work.contact.point_force.copy(),
             status,
             solution.residual,
             solution.iterations,
             solution.seconds,
-            work.joints.rate if work.extrapolates else None,
-            Reference(self._row[0]) if work.stepping["off_plan"][0] else None,
+            work.joints.rate.copy() if work.extrapolates else None,
+            Reference(self._row[0].copy()) if work.stepping["off_plan"][0] else None,
         )
 
     def _repeat_command(self) -> QPSolution:
