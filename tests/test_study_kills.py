@@ -15,8 +15,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import field, make_dataclass
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -396,16 +397,13 @@ def test_bad_runs_are_rows_and_the_others_go_on(tmp_path):
     stored.close()
 
 
-def test_a_long_array_decides_on_the_digest():
-    one, other = np.zeros(5000), np.eye(1, 5000, 2500)[0]
-    digests = [Task("a", square, {"table": {"com_x": values}}).digest for values in (one, one.copy(), other)]
-    assert digests[0] == digests[1] != digests[2]
-
-
-def test_what_a_function_holds_decides_on_the_digest():
+def test_what_a_function_or_an_object_holds_decides_on_the_digest():
     makers: Any = (lambda n: lambda: n, lambda n: lambda m=n: m, lambda n: Fraction(n).limit_denominator)
-    for make in (*makers, partial(partial, square)):
+    hidden = make_dataclass("Hidden", [("gain", float, field(repr=False))], slots=True)
+    held = (partial(partial, square), type("Real", (float,), {}), hidden, lambda n: n * np.eye(1, 5000, 2500))
+    for make in (*makers, *held, lambda n: cache(lambda: n)):
         assert Task("a", make(1)).digest == Task("a", make(1)).digest != Task("a", make(2)).digest
+    assert Task("a", square, {"of": {0, 8}}).digest == Task("a", square, {"of": {8, 0}}).digest
 
 
 def test_the_digest_of_a_scripts_function_is_the_same_while_workers_run(tmp_path, monkeypatch):

@@ -9,14 +9,14 @@ import inspect
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from reprlib import recursive_repr
+from types import MappingProxyType
 from typing import Any, TypedDict, Unpack
 
-import numpy as np
 from pydantic import BaseModel
 
 from ampm.exceptions import InputError, StudyStopped
@@ -61,21 +61,23 @@ def identity(value: Any) -> str:
         return f"{value.model_dump_json()}{value.model_dump_json(exclude_unset=True)}{identity(own)}"
     if isinstance(value, Path) and value.is_file():
         return f"{value} {hashlib.sha256(value.read_bytes()).hexdigest()}"
-    if isinstance(value, np.ndarray):
-        return identity(value.tolist())
-    if isinstance(value, Mapping):
+    if isinstance(value, set | frozenset):  # in another order in every process
+        return identity(sorted(map(identity, value)))
+    if type(value) in (dict, MappingProxyType):
         return "{" + ", ".join(f"{key!r}: {identity(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
+    if type(value) in (list, tuple):
         return "[" + ", ".join(map(identity, value)) + "]"
     if isinstance(value, partial):
         return identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
         held = [cell.cell_contents for cell in getattr(value, "__closure__", None) or ()]
-        held += [getattr(value, name, None) for name in ("__defaults__", "__kwdefaults__")]
-        held += [value.__self__] if inspect.ismethod(value) else []
+        names = ("defaults", "kwdefaults", "self", "wrapped")
+        held += [getattr(value, f"__{name}__", None) for name in names]
         return f"{value.__module__}:{value.__qualname__} {users_sources(value.__module__)} {identity(held)}"
-    if hasattr(value, "__dict__"):
-        return f"{identity(type(value))} {identity(vars(value))}"
+    if type(value).__module__ != "builtins":  # all that a pickle of it would hold
+        with suppress(Exception):
+            held = [list(item) if isinstance(item, Iterator) else item for item in value.__reduce_ex__(2)]
+            return f"{identity(type(value))} {identity(held)}"
     return repr(value)
 
 
