@@ -40,13 +40,13 @@ def _velocity_error(walk: Comparison, part: int) -> float | None:
 
 
 def _steps_missing(walk: Comparison) -> float | None:
-    """1 if no foot touched down on a way longer than a foot or a turn over 0.5 rad; None if none is asked."""
+    """1 without a touchdown on a way over a foot or 0.5 rad, NaN on a shorter one; None without a command."""
     if (command := walk.plan.command) is None:
         return None
     vx, vy, wz = command.at(math.inf)
-    per_second = max(math.hypot(vx, vy) / walk.scales["foot_length"], abs(wz) / 0.5)
-    far = per_second * (command.duration - command.settling) > 1.0
-    return float(far and walk.record.outcome.steps_completed == 0)
+    way = max(math.hypot(vx, vy) / walk.scales["foot_length"], abs(wz) / 0.5)  # in a second [1]
+    way *= command.duration - command.settling
+    return 0.0 if walk.record.outcome.steps_completed or not way else 1.0 if way > 1.0 else math.nan
 
 
 def _drift(walk: Comparison) -> float | None:
