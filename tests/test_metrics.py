@@ -57,7 +57,8 @@ def test_profiles_verdict_summary_and_worker_processes(drop):
         assert [metric.name for metric in added_metrics()] == [drop.name]
         register(replace(drop, name="other", label=""))
     unregister("other")
-    assert METRICS[drop.name].compute(comparison) == pytest.approx(0.015)
+    register(replace(drop, name="other", label="", tolerances={"default": -0.0}))
+    assert verdict_of(comparison, DEFAULT).reason.endswith("other: 15 mm, limit 0.")
 
 
 def test_every_metric_has_a_readable_name_of_its_own_and_its_facts(drop):

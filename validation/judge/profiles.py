@@ -60,7 +60,7 @@ class Profile:
         for name, metric in METRICS.items():
             if self.name in metric.tolerances:
                 unit = metric.tolerance_unit or metric.unit
-                known[name] = Tolerance(metric.tolerances[self.name], unit, metric.reason)
+                known[name] = Tolerance(metric.tolerances[self.name] or 0.0, unit, metric.reason)  # no -0
         return {name: known[name] for name in METRICS if name in known and name not in self.leaves_out}
 
     def limits(self, scales: Mapping[str, Any]) -> Mapping[str, Any]:
