@@ -121,13 +121,10 @@ def _tuned(run: RunParameters, robot: Robot, report: Report, effort: Effort) -> 
     present = _present(space, robot)
     if present is None:
         return _searched(space, robot, report, effort)
-    if present.worst() >= _SPARE:
-        return present
-    try:
-        tuned = _searched(space, robot, report, replace(effort, starts=0))
-    except RefusedGait:
-        return present
-    return tuned if tuned.worst() >= present.worst() else present
+    if present.worst() < _SPARE:
+        with contextlib.suppress(RefusedGait):
+            return max(_searched(space, robot, report, replace(effort, starts=0)), present, key=Tuned.worst)
+    return present
 
 
 def _check_pace(space: FreeChoices) -> None:
@@ -185,7 +182,7 @@ def _searched(space: FreeChoices, robot: Robot, report: Report, effort: Effort) 
         f"the best choice fails: {refusal.args[0]} (choices tried: {tried})",
         tried=tried,
         values=values,
-        **vars(refusal),
+        **{name: getattr(refusal, name) for name in ("reason", "value", "limit", "unit", "way_out")},
     ) from refusal
 
 
