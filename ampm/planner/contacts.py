@@ -209,7 +209,7 @@ def finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
         if np.iscomplexobj(values):
             raise TypeError
-        array = np.array(values, dtype=np.float64)
+        array = np.ma.array(values, dtype=np.float64, copy=True).filled(np.nan)
     except (TypeError, ValueError):
         raise InputError(f"{name} has entries that are no numbers; give an array of numbers.") from None
     for place in np.argwhere(~np.isfinite(array))[:1]:

@@ -127,7 +127,7 @@ def table_motion(table: Mapping[str, Any]) -> dict[str, Any]:
     _check(time[:1], "time", time[:1] == 0.0, "begin at 0; subtract the first time")
     com = _vectors(table, "com", "xyz" if "com_z" in table else "xy")
     left, right = (_placements(table, name) for name in ("left_placement", "right_placement"))
-    stance = np.asarray(_column(table, "stance")).astype(str)
+    stance = np.ma.filled(_column(table, "stance"), "").astype(str)
     _check(stance, "stance", np.isin(stance, STANCE_NAMES), f"be one of {', '.join(STANCE_NAMES)}")
     if (stance == "both").all():
         raise InputError("the table has no single support, only stance = 'both'; let a foot swing.")
@@ -222,7 +222,7 @@ def _column(table: Mapping[str, Any], name: str) -> Any:
 
 def _numbers(table: Mapping[str, Any], name: str) -> Array:
     """A column of finite numbers."""
-    column = np.asarray(_column(table, name))
+    column = np.ma.asarray(_column(table, name))
     values = np.array([_number(cell) for cell in column.tolist()])  # texts become NaN, and are refused
     if len(values) < 3:
         raise InputError(f"the table has {len(values)} rows; give three or more.")

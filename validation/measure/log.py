@@ -232,6 +232,8 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     """A column of numbers; NaN where not measured."""
     try:
+        if np.iscomplexobj(table[key]):
+            raise TypeError("they are complex")
         numbers = np.ma.array(table[key], dtype=np.float64, copy=True).filled(np.nan)
     except (TypeError, ValueError) as error:
         raise InputError(

@@ -282,7 +282,8 @@ def plan_walk(
     declared = vars(type(planner))  # see ampm.walk.Planner
     # Ours need no checks of their plans. A class that only says so would not be held to the run.
     checked = type(planner) in (PeriodicPlanner, FootstepPlanner, StandingPlanner)
-    name = str(getattr(planner, "name", type(planner).__name__)).strip()
+    with users.UsersCode("planner", planner):
+        name = str(getattr(planner, "name", type(planner).__name__)).strip()
     if not checked and (not name or name in users.PLANNER.known):  # of a user's class
         name = type(planner).__name__
         name = users.PLANNER.name_of(planner) if name in users.PLANNER.known else name

@@ -10,7 +10,7 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Mapping
-from contextlib import chdir, suppress
+from contextlib import AbstractContextManager, chdir, suppress
 from dataclasses import dataclass, is_dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -57,7 +57,7 @@ class UsersError(InputError):
         return str(self).removesuffix(_WAY_OUT)
 
 
-class UsersCode:
+class UsersCode(AbstractContextManager["UsersCode"]):
     """Context that turns an error of a user's class into a :class:`UsersError`.
 
     Before a walk an :class:`AmpmError` is left as it is, since a planner may refuse a gait.
@@ -65,9 +65,6 @@ class UsersCode:
 
     def __init__(self, what: str, thing: Any, *, walking: bool = False) -> None:
         self.what, self.thing, self.walking = what, thing, walking
-
-    def __enter__(self) -> None:
-        """No preparation is needed."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
         """Raise an error that names the class."""
@@ -94,7 +91,7 @@ def real_numbers(name: str, value: Any, shape: tuple[int, ...], *, finite: bool 
     Raises ValueError, with the value's ``name``, for another shape, no real numbers, or one that is not
     finite and must be.
     """
-    array = np.asarray(value)
+    array = np.asarray(value.astype(float).filled(math.nan) if np.ma.is_masked(value) else value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape} and must have {shape}")
     if array.dtype.kind not in "bfiu":
@@ -124,7 +121,9 @@ def load_object(option: str, text: str) -> Any:
     sys.path.insert(0, here)
     try:
         return attrgetter(name)(import_module(module))
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # also a panic of Rust
         file = getattr(sys.modules.get(module), "__file__", None)  # may be another module of this name
         way_out = f"add it to {file}, or rename your module." if file else "mend it."
         if similar := nearest(name, vars(sys.modules.get(module, object))):
