@@ -100,7 +100,7 @@ class InverseKinematics:
     def project(self, reference: StepReference, k: int, q: Array, v: Array) -> tuple[Array, Array]:
         """Nearest state on the constraints at grid node k, by Newton in the metric of the posture weights.
 
-        Raises Unreachable if Newton does not converge: the legs are too short for this instant.
+        Raises Unreachable if Newton does not converge, as with legs that are too short for this instant.
         """
         q = q.copy()
         try:
@@ -148,7 +148,7 @@ class InverseKinematics:
         of_legs = np.delete(self.body.miss[:18], self.body.roll_rows)[6:]
         left, right = np.abs(of_legs).reshape(2, -1).max(axis=1)
         side = "left" if left >= right else "right"
-        return Unreachable(time, f"the {side} leg does not reach from the hip to the planned foot")
+        return Unreachable(time, f"no angles were found that put the {side} foot where it is planned")
 
     def _check_knees(self, time: Array, q: Array) -> None:
         """Refuse the first of some configurations, shape (n, nq), with a knee that is bent backwards."""
