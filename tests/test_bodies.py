@@ -185,7 +185,7 @@ def test_check_of_a_body_that_walks_and_of_one_that_cannot(ampm, tmp_path: Path)
     refused = ampm("body", "check", write(tmp_path, toml=weak), "--set", "foot.schedule=flat")
     assert refused.status == 2
     assert "an ankle joint's torque limit is 1.3" in refused.out
-    assert "15 joints have dampers, springs" in refused.out
+    assert "known to the controller: 15." in refused.out
 
 
 def test_feet_that_do_not_fit_their_soles_are_noted(tmp_path: Path) -> None:

@@ -153,10 +153,10 @@ def _notes(robot: Robot, findings: Findings, facts: Mapping[str, tuple[float, st
         f"Joints of neither leg, trunk nor arm, which rest: {', '.join(d.head)}.": d.head,
         "A leg hardly moves its sole in some direction: it cannot be held flat.": facts[_LEG][0] < _SINGULAR,
         "No joint between pelvis and trunk: legs and arms carry all angular momentum.": not d.trunk,
-        f"{len(d.passive)} joints have dampers, springs or dry friction, known to the controller.": d.passive,
+        f"Joints with damper, spring or dry friction, known to the controller: {len(d.passive)}.": d.passive,
         f"Dry friction takes {friction:.2g} of a leg's torque; walks may fail by it.": friction > _RUBBING,
         "No joint has a speed limit: speeds are not judged.": not d.speed_limits,
-        f"{len(findings.bare)} segments have no shape: clearance is of ellipsoids of inertia.": findings.bare,
+        f"Ellipsoids of inertia stand for segments without a shape: {len(findings.bare)}.": findings.bare,
         "Left and right differ in the source: the body has the mean of places and masses.": (
             max(findings.place, findings.com, findings.mass) > 1e-6
         ),
