@@ -194,9 +194,10 @@ def test_causes_and_robustness_stand_side_by_side(sides, folders, tmp_path, ampm
     causes = tables["causes of the ZMP error, RMS"]
     assert causes.headers == ["cause", "smooth, x", "jumps, x", "smooth, y", "jumps, y", "unit"]
     assert float(causes.rows[1][1]) < float(causes.rows[1][2])
+    unplanned = changed(sides[0], zmp_error_split={"rmse": dict.fromkeys(comparison.PARTS, (None, None))})
+    assert "causes" not in str([table.title for table in WalkComparison([unplanned] * 2).tables()])
     for name, planner in (("robustness.json", "ampm"), ("other.json", "ipm")):
-        text = json.dumps(replace(study, planner=planner).as_dict())
-        (tmp_path / name).write_text(text, encoding="utf-8")
+        (tmp_path / name).write_text(json.dumps(replace(study, planner=planner).as_dict()), encoding="utf-8")
     both = [f"--robustness={tmp_path}", f"--robustness={tmp_path / 'other.json'}"]
     assert "push forward" in ampm("compare", *folders, *both).out
     assert "of normal, ipm, human, ampm, and" in ampm("compare", *folders, *both[::-1]).err

@@ -84,13 +84,12 @@ def test_steps_and_velocity_are_found_in_the_record():
 
 
 @pytest.mark.parametrize("part", ["vy", "wz"])
-@pytest.mark.parametrize("walked", [(0.6, 0, 1), (0.6, 1, 0), (-0.2, 0, np.nan), (0, 0, 0)])
-def test_a_commanded_way_asks_for_a_step(part, walked):
-    command, steps, missing = walked
-    plan = SimpleNamespace(command=standing(command={part: command, "duration": 2.0}).command)
+@pytest.mark.parametrize(("asked", "steps", "want"), [(0.6, 0, 1), (0.6, 1, 0), (-0.2, 0, np.nan), (0, 0, 0)])
+def test_a_commanded_way_asks_for_a_step(part, asked, steps, want):
+    plan = SimpleNamespace(command=standing(command={part: asked, "duration": 2.0}).command)
     record = SimpleNamespace(outcome=SimpleNamespace(steps_completed=steps))
     walk: Any = SimpleNamespace(plan=plan, record=record, scales={"foot_length": 0.25})
-    assert METRICS["steps_missing"].compute(walk) == pytest.approx(missing, nan_ok=True)
+    assert METRICS["steps_missing"].compute(walk) == pytest.approx(want, nan_ok=True)
 
 
 def standing(**sections):

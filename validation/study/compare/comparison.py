@@ -297,11 +297,10 @@ class WalkComparison(Tabled):
         for group in (JUDGED, COST, OWN):
             shown = [] if group == OWN else [USED]
             columns = ["", *(item for label in labels for item in (f">{label}", *shown))]
-            rows = [self.cells(row) for row in self.rows if row.group == group]
-            if rows:
-                best = "better" if len(labels) == 2 else "best"
-                tables.append(Table(group, [*columns, "unit", ">doubt", best], rows))
-        return [*tables, self._causes(), *self._robustness()]
+            known = [row for row in self.rows if row.group == group and not np.isnan(row.values).all()]
+            best = "better" if len(labels) == 2 else "best"
+            tables.append(Table(group, [*columns, "unit", ">doubt", best], list(map(self.cells, known))))
+        return [table for table in (*tables, self._causes(), *self._robustness()) if table.rows]
 
     def _causes(self) -> Table:
         """Causes of the ZMP error, RMS, of all walks."""
@@ -310,7 +309,8 @@ class WalkComparison(Tabled):
         for part, label in PARTS.items():
             values = [side.run.summary["zmp_error_split"]["rmse"][part] for side in self.sides]
             both = np.array(values, dtype=float).T * [scale for scale, _ in shown]
-            rows.append((label, *map(_shown, both.ravel()), shown[0][1]))
+            if not np.isnan(both).all():
+                rows.append((label, *map(_shown, both.ravel()), shown[0][1]))
         return Table("causes of the ZMP error, RMS", columns, rows)
 
     def _robustness(self) -> Iterator[Table]:
