@@ -164,7 +164,6 @@ def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of
     (tmp_path / "sweep.toml").write_text('[[vary]]\nmethod = "list"\ngait.c_y = [0.8]')
     (tmp_path / "own_parts.py").write_text("class Rope:\n    pass\n")
     (tmp_path / "exits.py").write_text("raise SystemExit(0)\n")
-    (tmp_path / "panics.py").write_text("raise GeneratorExit('gone')\n")  # as a panic of Rust
     (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
     (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)
     given = {*tmp_path.iterdir()}

@@ -87,6 +87,7 @@ def test_a_sweep_of_another_body_walks_its_gait() -> None:
         """
     definition = parse_sweep(text)
     own = load_request(None, ["body.source=suite-humanoid"]).run
+    assert load_request("flat", [f"body.source={BIPED}"]).title == "flat, body.source biped.toml"
     assert definition.gait == "suite-humanoid"
     assert definition.tune
     assert definition.parameters(0) == own.replace({"gait.steps": definition.steps, "foot.schedule": "flat"})

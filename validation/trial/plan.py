@@ -67,8 +67,9 @@ class Request:
 
 def gait_title(name: str, changed: Mapping[str, Any], planner: str = "") -> str:
     """Name of a gait, what was changed in it, its planner: ``normal, gait.c_y 0.93, planner dcm``."""
-    values = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in changed.values())
-    parts = [name, *map(" ".join, zip(changed, values, strict=True))]
+    short = {key: Path(value).name if key == "body.source" else value for key, value in changed.items()}
+    values = (f"{value:.6g}" if isinstance(value, float) else str(value) for value in short.values())
+    parts = [name, *map(" ".join, zip(short, values, strict=True))]
     return ", ".join([*parts, f"planner {planner}"] if planner else parts)
 
 
@@ -320,8 +321,7 @@ def plan_walk(
             if problem := check_steps(plan.contacts, run, is_table=is_table, goes_on=replanner is not None):
                 note = f"The planner {name} plans {problem}."
                 progress.say(f"{request.name}: {note}")
-    seconds = clock() - begun
-    return PlannedWalk(request, plan, body, name, None, replanner, note, seconds)
+    return PlannedWalk(request, plan, body, name, None, replanner, note, clock() - begun)
 
 
 def _check_request(
