@@ -329,6 +329,6 @@ def _walk_over(steps: StepPlan, run: RunParameters, robot: Robot) -> WalkPlan:
             check_walk(steps, posture, spread, robot)
             break
         except BodilyRefusal as refusal:  # hands pass thighs on wide steps if they are spread further
-            if refusal.reason != "arm_collision" or angle > SPREAD_ARMS:
+            if refusal.reason != "arm_collision" or angle > SPREAD_ARMS or not robot.description.spread:
                 raise
     return WalkPlan.of(steps, posture=posture)
