@@ -254,8 +254,8 @@ class Robot:
 
     def trunk_rotations(self, q: Array) -> Array:
         """Rotation of the trunk segment to world at configurations (T, nq), shape (T, 3, 3)."""
-        rotations, data = np.empty((len(q), 3, 3)), self.model.createData()
+        rotations = np.empty((len(q), 3, 3))
         for k, configuration in enumerate(q):
-            pin.forwardKinematics(self.model, data, configuration)
-            rotations[k] = pin.updateFramePlacement(self.model, data, self.trunk_frame).rotation
+            pin.forwardKinematics(self.model, self.data, configuration)
+            rotations[k] = pin.updateFramePlacement(self.model, self.data, self.trunk_frame).rotation
         return rotations

@@ -228,8 +228,8 @@ class _TrunkFeedback:
 
     def angular_momentum(self, begin: float, duration: float) -> Array:
         """Angular momentum over the mass that rights the trunk in the next piece, shape (2,) [m^2/s]."""
-        recent = (tilt for end, tilt in self.past if end > begin - self.window)
-        mean = sum(recent, np.zeros(2)) / self.window
+        self.past = [(end, tilt) for end, tilt in self.past if end > begin - self.window]
+        mean = sum((tilt for _, tilt in self.past), np.zeros(2)) / self.window
         self.integral = self.integral + mean * duration
         righting = self.gains.trunk_gain * (mean + self.gains.trunk_integral * self.integral) / self.mass
         share = 1.0 - math.exp(-self.gains.momentum_gain * duration)
