@@ -32,6 +32,7 @@ _STEEP = 0.7  # largest angle of a sole from the level with all joints at 0 [rad
 _BESIDE, _SPREAD = 0.07, 0.4  # from the middle to a shoulder over the leg [1], and of an arm at rest [rad]
 _HEAD = 0.2  # mass of what hangs on the trunk, over the trunk's, if it is no further part of it [1]
 _NARROW = 0.05  # least half width of a sole over its length [1]
+_MAIN = 1 / 3  # least share of a foot's underside in its sole; of one that is round each part is small [1]
 _DIGITS = 6  # of points of a flat part [m]: edges that are turned by rounded angles stay edges
 _INSETS = np.linspace(0.0, 0.25, 11)  # of heel and front from the ends of the outline, over its length [1]
 _RING = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)])
@@ -221,7 +222,7 @@ def fit_sole(points: Array) -> dict[str, float]:
     found = (*trapezoids[k], np.median(part[:, 2]), *halves[k], middle, pitch)
     values = {key: round(float(value), 4) for key, value in zip(keys, found, strict=True)}
     values = {key: value for key, value in values.items() if value or key not in ("middle", "pitch")}
-    level = abs(down[1]) < _LEVEL * np.linalg.norm(down)
+    level = abs(down[1]) < _LEVEL * np.linalg.norm(down) and area[flat].sum() > _MAIN * area.sum()
     return values if level and halves[k].min() > _NARROW * length else {}  # else a line or a point
 
 

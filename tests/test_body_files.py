@@ -104,9 +104,9 @@ def test_contact_pairs_with_the_floor_of_another_file_are_left_out(tmp_path: Pat
     assert compiled_source(tmp_path / "model.xml")[0].npair == 0
 
 
-def with_box_feet(pitch: float = 0.0) -> str:
+def with_box_feet(pitch: float = 0.0, shape: str = 'box size="0.2 0.09 0.04"') -> str:
     place = f'<origin xyz="0.03 0 -0.05" rpy="0 {pitch} 3e-6"/>'
-    box = f'<collision>{place}<geometry><box size="0.2 0.09 0.04"/></geometry></collision>'
+    box = f"<collision>{place}<geometry><{shape}/></geometry></collision>"
     return re.sub('<link name="._foot">', lambda link: link[0] + box, URDF)
 
 
@@ -124,8 +124,7 @@ def test_a_description_is_proposed_from_a_model(pitch: float, tmp_path: Path, am
     assert sole.pitch == pytest.approx(pitch, abs=1e-3)
     sizes = [sole.front - sole.heel, sole.heel_half_width, sole.front_half_width]
     assert sizes == pytest.approx([0.2, 0.045, 0.045], abs=1e-3)
-    body = load(path)
-    model = body.compile()
+    model = (body := load(path)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     turn = data.site("left_sole").xmat.reshape(3, 3)
@@ -151,6 +150,7 @@ def test_a_proposal_says_what_is_to_be_filled_in(tmp_path: Path, ampm) -> None:
         (BACKWARD, "# As its knees bend, it walks along -x "),
         (with_toes(URDF), 'lock = [\n    "l_toe",\n    "r_toe",\n]'),
         (with_box_feet().replace('"0 0.0 3e-6"', '"0.15 0 0"'), "level along y"),
+        (with_box_feet(0.0, 'cylinder radius="1" length="0.1"').replace("0 0.0", "1.57 0"), "level along"),
     ):
         (tmp_path / "biped.urdf").write_text(urdf, encoding="utf-8")
         assert said in propose(str(tmp_path / "biped.urdf"), tmp_path)

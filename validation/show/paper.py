@@ -90,8 +90,7 @@ def cite_run(saved: SavedRun) -> Citation:
     what = "Log beside" if saved.is_log else f"Run of {steps} step{'s' * (steps != 1)},"
     changed = {key: value for key, value in summary.get("changed", {}).items() if key != "body.source"}
     gait = walk_title({**summary, "changed": changed, "planner": ""})
-    text = f"{what} gait {gait}, body {body}, {how}"
-    return cite(text, summary["environment"], digest_of(saved))
+    return cite(f"{what} gait {gait}, body {body}, {how}", summary["environment"], digest_of(saved))
 
 
 def write_paper(
