@@ -199,5 +199,4 @@ def forecast(definition: SweepDefinition, **execution: Unpack[Execution]) -> For
     numbers = {"runs": planned, "checked": len(runs), "finished": len(runs) - len(tasks)}
     numbers |= {"walking": walking, "kept": kept, "workers": workers}
     seconds = taken.get("walk")
-    times = {"seconds": seconds, "wall_clock": seconds and seconds * rounds}
-    return Forecast(refused, numbers | times)
+    return Forecast(refused, numbers | {"seconds": seconds, "wall_clock": seconds and seconds * rounds})
