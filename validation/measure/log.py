@@ -159,10 +159,7 @@ def map_columns(table: Mapping[str, Any], mapping: Mapping[str, str]) -> dict[st
         if unit is not None and unit not in units:
             raise unknown(unit, units, f"unit of {name}", value=unit)
         sign = -1.0 if parts.get("sign") and column != text else 1.0
-        try:
-            found[name] = sign * units.get(str(unit), 1.0) * np.ma.asarray(table[column], dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"the column {column!r} must be numbers ({error}).") from None
+        found[name] = sign * units.get(str(unit), 1.0) * _real(table[column], f"the column {column!r}")
     return found
 
 
@@ -229,16 +226,19 @@ def read_log(table: Mapping[str, Any], weight: float | None, name: str = "the lo
     return Log(name, time, signals, step, lost, weight).rows(known)
 
 
+def _real(values: Any, what: str) -> Any:
+    """A masked array of real numbers; refused by the name of ``what`` they are."""
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError("they are complex")
+        return np.ma.array(values, dtype=np.float64, copy=True)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be numbers ({error}); leave out rows of names or units.") from None
+
+
 def _numbers(table: Mapping[str, Any], key: str, name: str) -> Array:
     """A column of numbers; NaN where not measured."""
-    try:
-        if np.iscomplexobj(table[key]):
-            raise TypeError("they are complex")
-        numbers = np.ma.array(table[key], dtype=np.float64, copy=True).filled(np.nan)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{name}: {key} must be numbers ({error}); leave out other rows, such as one of units."
-        ) from None
+    numbers = _real(table[key], f"{name}: {key}").filled(np.nan)
     if numbers.shape != np.shape(table["time"]) or numbers.ndim != 1:
         raise InputError(
             f"{name}: {key} has the shape {numbers.shape}; give one number a row, as many as for time."
