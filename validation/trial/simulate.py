@@ -339,7 +339,7 @@ class ClosedLoop:
         planned, k = self._planned, self.done
         with self.users_code:
             if not isinstance(output, ControlOutput):
-                raise TypeError(f"it returned a value of type {type(output).__name__}, not a ControlOutput")
+                raise TypeError(f"it returned {type(output).__name__}; return ampm.ControlOutput(torque)")
             self._take(output)
             if self.faults is not None:
                 self.faults.act(self.command.torque, self.command.rate)
