@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,14 @@ from ampm.section import parse_setting
 from docs.examples.joint_pd import JointPD
 from tests.solved import QUICK
 from tests.sweep_table import parse_sweep
-from tests.test_study_kills import forget
 from validation.cli.options import with_short
 from validation.store.environment import parameter_values
-from validation.study.many import Task
+from validation.study.many import Task, study_folder
 from validation.study.sweep.design import dump_sweep
 from validation.study.sweep.run import task_of
 from validation.study.sweep.table import build_table
 from validation.trial.plan import load_request, plan_walk
-from validation.trial.users import CONTROLLER, PLANNER, users_classes
+from validation.trial.users import CONTROLLER, PLANNER, is_users
 
 SOFT = f"{__name__}:Soft"
 SLOW = f"{__name__}:Slow"
@@ -142,17 +142,17 @@ def test_a_sweep_varies_an_option():
 
 def test_sources_that_a_class_imports_decide_on_the_digest(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "own_gains.py").write_text("GAIN = 1.0\n")
-    (tmp_path / "own_class.py").write_text("from own_gains import GAIN\n\nclass Own:\n    gain = GAIN\n")
-
-    def digest() -> str:
-        forget(tmp_path)
-        return Task("a", users_classes, {"controller": importlib.import_module("own_class").Own}).digest
-
-    before = digest()
-    assert digest() == before
-    (tmp_path / "own_gains.py").write_text("GAIN = 2.00\n")
-    assert digest() != before
+    (tmp_path / "own_gains/more").mkdir(parents=True)
+    (tmp_path / "own_gains/__init__.py").write_text("GAIN = 1.0\n")
+    (tmp_path / "own_more.py").write_text("import own_gains.more")
+    (tmp_path / "own_class.py").write_text("from own_more import own_gains\nclass Own: gain = own_gains.GAIN")
+    own = importlib.import_module("own_class").Own
+    before = Task("a", own).digest
+    (tmp_path / "own_gains/__init__.py").write_text("GAIN = 2.00\n")
+    assert Task("a", own).digest == before  # the workers of this study have imported it
+    study_folder({})
+    assert Task("a", own).digest != before
+    assert [is_users(path) for path in (f"{sys.prefix}/own.py", np.__file__)] == [True, False]
 
 
 def test_an_object_has_the_name_of_its_class_if_that_makes_an_equal_one():

@@ -129,10 +129,12 @@ def users_file(module: Any) -> str | None:
     return file if file is not None and is_users(file) else None
 
 
+@cache  # of one study: its workers import them once
 def users_sources(module: str) -> str:
     """Hash of a user's module and of those that it imports, new if nobody can read it; else empty."""
     files, names = dict[str, bytes](), [module]
-    for name in names:  # which grow
+    for name in filter(None, names):  # which grow
+        names.append(name.rpartition(".")[0])
         found: Any = sys.modules.get(name)
         file = users_file(found)
         if name == "__main__" and not os.path.isfile(file or ""):

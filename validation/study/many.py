@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from reprlib import recursive_repr
 from types import MappingProxyType
@@ -67,8 +67,6 @@ def identity(value: Any) -> str:
         return "{" + ", ".join(f"{key!r}: {identity(item)}" for key, item in value.items()) + "}"
     if type(value) in (list, tuple):
         return "[" + ", ".join(map(identity, value)) + "]"
-    if isinstance(value, partial):
-        return identity([value.func, value.args, value.keywords])
     if inspect.isroutine(value) or inspect.isclass(value):
         held = [cell.cell_contents for cell in getattr(value, "__closure__", None) or ()]
         names = ("defaults", "kwdefaults", "self", "wrapped")
@@ -103,8 +101,9 @@ def study_folder(execution: Execution) -> Path | None:
     """Folder of a study, checked before anything is walked; None if nothing is to be written.
 
     Raises :class:`InputError` of unknown or contradicting options, if there is no study to resume, or the
-    folder is used otherwise.
+    folder is used otherwise. Users' sources count from here on as they are now.
     """
+    users_sources.cache_clear()
     for name in execution.keys() - Execution.__annotations__.keys():
         raise unknown(name, Execution.__annotations__, "option of a study")
     workers = execution.get("workers")

@@ -34,7 +34,7 @@ from ampm.sensor_parameters import EXACT
 from ampm.walk import Planner
 
 _OURS = [Path(__file__).parents[2] / name for name in ("ampm", "models", "validation", "benchmarks")]
-_INSTALLED = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
+_INSTALLED = map(sysconfig.get_path, ("stdlib", "platstdlib", "scripts"))  # a prefix may be a user's folder
 _KNOWN = tuple(os.path.realpath(path) + os.sep for path in map(str, (*_OURS, *_INSTALLED)))
 _STANDARD = Path(traceback.__file__).parent  # library
 SUFFIXES = (".csv", ".parquet")
@@ -45,7 +45,8 @@ _WAY_OUT = "; correct it, --debug shows the traceback."
 @cache
 def is_users(file: str) -> bool:
     """Whether a file is neither installed nor of this project."""
-    return not os.path.realpath(file).startswith(_KNOWN)
+    path = os.path.realpath(file)
+    return not (path.startswith(_KNOWN) or re.search(r"/(site|dist)-packages/", path))
 
 
 class UsersError(InputError):

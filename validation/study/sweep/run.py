@@ -131,8 +131,8 @@ def keep_runs(
             progress.say(f"ampm: {folder / row['key']} was not written ({row['cause']}).")
         elif any(found.numbers(METRICS[name].column)[line] != value for name, value in values.items()):
             progress.say(
-                f"ampm: {folder / row['key']} is not the walk of the table: a class of its run is not "
-                "deterministic, or the sweep was walked on another machine."
+                f"ampm: {folder / row['key']} is not the walk of the table: a class of its run was edited or "
+                "is not deterministic, or the sweep was walked on another machine."
             )
     return [name for name in runs if (folder / name / SweepFile.REPORT).is_file()]
 
