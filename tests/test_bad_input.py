@@ -11,6 +11,7 @@ import csv
 import json
 import math
 import re
+import sys
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
@@ -163,6 +164,8 @@ def test_a_bad_command_is_one_sentence_before_anything_is_done(row, ampm, run_of
     (tmp_path / "bad.rrd").write_bytes(b"RRF2 and nothing else")
     (tmp_path / "sweep.toml").write_text('[[vary]]\nmethod = "list"\ngait.c_y = [0.8]')
     (tmp_path / "own_parts.py").write_text("class Rope:\n    pass\n")
+    monkeypatch.delitem(sys.modules, "own_parts", raising=False)
+    (tmp_path / "tests.py").touch()
     (tmp_path / "exits.py").write_text("raise SystemExit(0)\n")
     (tmp_path / "bad.toml").write_text("[gait]\nc_y = -1.0\n")
     (tmp_path / "walk.csv").write_text("foot,x,y,heading\n" + "right,0,-0.1,0\nleft,0,0.1,0\n" * 2)

@@ -114,20 +114,21 @@ def load_object(option: str, text: str) -> Any:
     if not (module and colon and name) or module.endswith(".py"):
         raise InputError(f"{option} {text!r} must be MODULE:NAME without .py, for example mine:Name.")
     if "<" in name:
-        raise InputError(
-            f"{option} {text!r} was given in Python and cannot be imported again; walk it there, or make it "
-            "a class of a module."
-        )
+        raise InputError(f"{option} {text!r} was given in Python; walk there, or name a module's class.")
     here = str(Path.cwd())
     sys.path.insert(0, here)
     try:
-        return attrgetter(name)(import_module(module))
+        found = import_module(module)
+        at, mine = getattr(found, "__file__", None), Path(here, *module.split(".")).with_suffix(".py")
+        if at and is_users(at) and mine.is_file() and not mine.samefile(at):
+            raise ImportError(f"{at} was imported by this name")
+        return attrgetter(name)(found)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also a panic of Rust
         file = getattr(sys.modules.get(module), "__file__", None)  # may be another module of this name
         way_out = f"add it to {file}, or rename your module." if file else "mend it."
-        if similar := nearest(name, vars(sys.modules.get(module, object))):
+        if (similar := nearest(name, vars(sys.modules.get(module, object)))) not in (None, name):
             way_out = f"did you mean {module}:{similar}?"
         if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
             way_out = f"start where {module.replace('.', '/')}.py is, or correct the name."
@@ -323,10 +324,7 @@ def planner_problem(made: Any) -> str:
     if isinstance(made, StepPlan):
         return f"{text}; ampm.WalkPlan.of(plan, posture=...) adds the posture"
     if isinstance(made, CentroidalPlan):
-        return (
-            f"{text}; it lacks feet and posture. Return ampm.PeriodicPlanner().plan(run, robot), or make a "
-            "plan of your own by ampm.make_plan"
-        )
+        return f"{text}; it lacks feet and posture: ampm.PeriodicPlanner().plan or ampm.make_plan adds them"
     return text
 
 
