@@ -214,8 +214,7 @@ def test_evidence_takes_logs_and_studies_of_its_own_gait_alone(run_dir, tmp_path
     said = {item["factorType"]: item["rationale"] for item in factors}
     assert "normal on normal" in said["Output comparison"]
     assert said["Use history"] == "not done"
-    twice = ("--study", logs["own"], "--study", logs["own"])
-    assert ampm("report", run_dir, "--evidence", file, "--force", *twice).status == 0
+    assert ampm("report", run_dir, "--evidence", file, "--force", *["--study", logs["own"]] * 2).status == 0
     with zipfile.ZipFile(file) as bundle:
         linked = bundle.read("evidence.jsonld").decode()
     assert linked.count("normal on normal") == 2 * json.dumps(factors).count("normal on normal")

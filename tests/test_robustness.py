@@ -104,6 +104,7 @@ def test_pushes_and_others_are_walked_and_a_study_goes_on(tmp_path, monkeypatch,
     assert thrown.survived is None
     assert thrown.cause.startswith(("fell: ", "diverged: "))
     assert slid.survived in (0.25, 0.5)
+    assert found.walked == robustness.gait_and_body(planner.load_run("normal"))
     assert [row["survived"] for row in read_rows(tmp_path)] == [None, slid.survived]
     assert json.loads((tmp_path / robustness.ROBUSTNESS_FILE).read_text()) == found.as_dict()
     told = ["--quick", "--replicas=1", "--workers=0"]

@@ -8,7 +8,6 @@ import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from validation.show.paper import cite_run, digest_of
 from validation.store.folders import check_output_file, output_file
 from validation.store.saved import SavedRun, digests, load_saved_run
 from validation.study.compare.report import is_comparison, load_comparison
-from validation.study.robustness.study import ROBUSTNESS_FILE, load_robustness
+from validation.study.robustness.study import ROBUSTNESS_FILE, gait_and_body, load_robustness
 from validation.table import Table, package_rows
 from validation.trial.files import RunFile
 
@@ -58,7 +57,6 @@ def write_evidence(
     facts = saved.summary["environment"]
     versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
     facts = facts | {"versions": versions, "memory": f"{facts['memory']} GB"}
-    environment = [(name, str(value)) for name, value in facts.items()]
     page = render_page(
         "evidence.html.j2",
         f"Evidence: {saved.title}",
@@ -70,7 +68,7 @@ def write_evidence(
             saved.table(),
             cost_table(saved.summary),
             Table("Inputs and outputs", ("file", "sha256"), list(digests(folder, saved.summary).items())),
-            Table("Environment", ("", ""), environment),
+            Table("Environment", ("", ""), [(name, str(value)) for name, value in facts.items()]),
         ],
         citation=cite_run(saved),
     )
@@ -108,10 +106,10 @@ def _found(saved: SavedRun) -> dict[str, str]:
 def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     """Name of a check, and what the folder of a study of a walk found."""
     run, runs, fits = saved.parameters, list[SavedRun](), False
-    walk = saved.title, run.body.source, run.controller.name
+    walk = saved.title, run.controller.name, gait_and_body(run)
     if (folder / ROBUSTNESS_FILE).is_file():
         study = load_robustness(folder)
-        name, found, fits = "robustness", study.title, (study.gait, study.body, study.controller) == walk
+        name, found, fits = "robustness", study.title, (study.gait, study.controller, study.walked) == walk
     elif is_comparison(folder):
         runs = [side.run for side in load_comparison(folder).sides]
         verdicts = {side.parameters.simulation.engine: side.summary["verdict"] for side in runs}
@@ -120,8 +118,7 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
     elif (folder / RunFile.RUN).is_file():
         runs = [load_saved_run(folder)]
         name, found, fits = "log", runs[0].sentence, runs[0].is_log
-    walked = methodcaller("model_dump", include={"gait", "body"}, exclude={"gait": {"steps"}})
-    if not fits or any(walked(other.parameters) != walked(run) for other in runs):
+    if not fits or any(gait_and_body(other.parameters) != walk[-1] for other in runs):
         raise InputError(
             f"--study {folder} is neither a robustness study nor a comparison of engines nor a log, of the "
             f"gait and body of {saved.title}; give another study."
@@ -132,6 +129,4 @@ def _study(folder: Path, saved: SavedRun) -> tuple[str, str]:
 def _linked(saved: SavedRun, factors: Sequence[Mapping[str, str]]) -> dict[str, Any]:
     """The evidence as JSON-LD: the template ``evidence.jsonld``, filled in."""
     template = Template(files("validation").joinpath("study/evidence.jsonld").read_text("utf-8"))
-    steps = saved.record.outcome.steps_completed
-    known = {"digest": digest_of(saved), "summary": saved.summary, "steps": steps, "factors": factors}
-    return dict(json.loads(template.render(saved=saved, **known)))
+    return dict(json.loads(template.render(saved=saved, digest=digest_of(saved), factors=factors)))

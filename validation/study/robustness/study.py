@@ -1,9 +1,10 @@
 """Robustness study of a gait: what it survives with its body and controller, and the table of it."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from operator import methodcaller
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -39,6 +40,8 @@ START = 0.01
 [m/s]."""
 _SHIFTS = (0.0, 0.03, -0.03, 0.06, -0.06)  # shift of a push in the replicas, as share of its phase [1]
 CROSSED = "the legs met"
+gait_and_body = methodcaller("model_dump", mode="json", include={"gait", "body"}, exclude={"gait": {"steps"}})
+"""Parameters that all runs of one gait and body share."""
 _OWN = "gait.steps", "disturbance.push_", "disturbance.seed", "disturbance.start_velocity", "sensors.seed"
 _EVERY = 0.01  # time between two looks at the distance of the legs [s]
 
@@ -74,6 +77,7 @@ class Robustness(Tabled):
     cells: tuple[CellResult, ...]  # results
     # runs that an error of program or machine ended, with its cause; they count as not survived
     crashes: tuple[str, ...] = ()
+    walked: Mapping[str, Any] = field(default_factory=dict)  # see `gait_and_body`
 
     @property
     def title(self) -> str:
@@ -136,8 +140,7 @@ def climb(cell: Cell, replicas: int, walk: Callable[[float, int], Row]) -> Row:
     least, crashes = needed(replicas), list[str]()
     found: Row = {"survived": None, "cause": ""}
     for value in cell.values:
-        rows: list[Row] = []
-        failed: list[Row] = []
+        rows, failed = list[Row](), list[Row]()
         while len(rows) < replicas and len(failed) <= replicas - least:
             rows.append(walk(value, len(rows)))
             failed = [row for row in rows if row["cause"]]
@@ -237,6 +240,7 @@ def robustness(
         replicas=replicas,
         cells=tuple(results),
         crashes=tuple(crashes),
+        walked=gait_and_body(run),
     )
     if folder is not None:
         write_json(folder / ROBUSTNESS_FILE, found.as_dict())
