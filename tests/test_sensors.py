@@ -290,8 +290,7 @@ def test_a_stand_before_the_walk_finds_how_the_imu_is_turned():
 
 
 def test_without_errors_of_sensors_a_walk_keeps_its_bits():
-    plain = simulated()
-    assert first_difference(plain, simulated("sensors.seed=3", "sensors.fix_rate=100")) is None
+    assert first_difference(simulated(), simulated("sensors.seed=3", "sensors.fix_rate=100")) is None
     noisy = "sensors.angle_noise=1e-4"
     one, same, other = (simulated(noisy, f"sensors.seed={seed}", steps=1) for seed in (0, 0, 1))
     assert first_difference(one, same) is None
@@ -407,8 +406,7 @@ def test_ones_own_estimator_walks_and_does_not_know_the_seed():
     known = Mine.made[-1].run
     assert (known.sensors.gyro_bias, known.sensors.seed, known.disturbance.push_y) == (1e-4, 0, 0.0)
     assert known.sensors.estimator == "tests.test_sensors:Mine"
-    fell = simulated("sensors.estimator=tests.test_sensors:Naive")
-    assert not fell.outcome.completed
+    assert not simulated("sensors.estimator=tests.test_sensors:Naive").outcome.completed
 
 
 def sent(**options):

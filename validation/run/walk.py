@@ -95,6 +95,7 @@ def walk_planned(
     called with the record before it is measured.
     """
     run, body, name, progress = planned.run, planned.body, planned.name, progress or Progress()
+    described = [*map(describe, disturbances)]
     profile = find_profile(profile or own_profile(run, disturbances))
     taken = {"planning": planned.seconds}
     with timed(taken, "simulation"), progress.stage(f"{name}: simulation", "steps") as stage, chdir("."):
@@ -115,8 +116,7 @@ def walk_planned(
         values = MappingProxyType(evaluate(comparison))
     unusual = run.model_dump(include={"disturbance", "sensors"}, exclude_defaults=True)
     texts = [f"{name}.{key} = {value!r}" for name, of in unusual.items() for key, value in of.items()]
-    texts += map(describe, disturbances)
-    known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts}
+    known = {"controller": record.controller, "planner": planned.planner, "disturbances": texts + described}
     known["notes"] = [text for text in (planned.note, body.model.findings.of_sides) if text]
     extra = {name: value for name, value in known.items() if value}
     return Trial(planned, comparison, values, profile, taken, extra)

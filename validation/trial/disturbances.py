@@ -180,7 +180,8 @@ def load_disturbance(text: str) -> Disturbance:
 def describe(disturbance: Disturbance) -> str:
     """In words, or as Python writes it; module and class where that would only be an address."""
     kind, plain = type(disturbance), object.__repr__
-    return f"{kind.__module__}:{kind.__qualname__}" if kind.__repr__ is plain else str(disturbance)
+    with UsersCode("disturbance", disturbance):
+        return f"{kind.__module__}:{kind.__qualname__}" if kind.__repr__ is plain else str(disturbance)
 
 
 def pushes_of(disturbance: DisturbanceParameters) -> list[Push]:
