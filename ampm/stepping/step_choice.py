@@ -10,7 +10,6 @@ DCM grows are given as ``tau``, omega times the time.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,17 +50,9 @@ _NODES, _WEIGHTS = (
 """Gauss's nodes and weights on 0 ... 1."""
 
 
-class StepChoice(NamedTuple):
-    """Place and time of the next step."""
-
-    candidate: int  # number in :data:`TIMES`; -1: the step returns to the plan
-    stretch: float  # duration of the rest of the single support over the planned one [1]
-    step: tuple[float, float]  # displacement from the standing foot's shift, in world [m]
-
-
 @compiled
-def choose_step(work: Workspace, stepper: Stepper) -> StepChoice:
-    """Choose place and time of the next step.
+def choose_step(work: Workspace, stepper: Stepper) -> None:
+    """Choose place and time of the next step: ``step``, ``stretch`` and ``choice`` of the state.
 
     For each time of the rest of the single support the displacement follows in closed form. As long as it is
     easy, steps return to the places and times of the plan; else a cost weighs displacement, time and limits.
@@ -82,7 +73,7 @@ def choose_step(work: Workspace, stepper: Stepper) -> StepChoice:
         sole[0, axis], sole[1, axis] = places[:, axis].min(), places[:, axis].max()
     dcm = expected_dcm(work, stepper.omega)
     shift, most = turned_axes(state.shift[state.stance], cos, sin), size * RETURN_MOST
-    least_cost, best = math.inf, StepChoice(-1, 1.0, (0.0, 0.0))
+    least_cost, choice, stretch, chosen = math.inf, -1, 1.0, (0.0, 0.0)
     for k in range(-1, len(TIMES) if state.off_plan else 0):
         if k < 0:
             factor = clip(1.0 - state.delay / rest, 1.0 - CATCH_UP, 1.0 + CATCH_UP)
@@ -98,8 +89,9 @@ def choose_step(work: Workspace, stepper: Stepper) -> StepChoice:
         cost += LIMIT_COST * (abs(needed[0] - step[0]) + abs(needed[1] - step[1]))
         cost += size * (TIME_COST * abs(math.log(factor)) - (CHANGE_COST if k == state.choice else 0.0))
         if cost < least_cost:
-            least_cost, best = cost, StepChoice(k, factor, along_across(step[0], step[1], cos, -sin))
-    return best
+            least_cost, choice, stretch, chosen = cost, k, factor, step
+    state.choice, state.stretch = choice, stretch
+    state.step[0], state.step[1] = along_across(chosen[0], chosen[1], cos, -sin)
 
 
 @compiled

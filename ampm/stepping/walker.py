@@ -19,7 +19,6 @@ from ampm.stepping.sensed_floor import (
     step_up,
 )
 from ampm.stepping.step_choice import (
-    StepChoice,
     choose_step,
     dcm_ahead,
     expected_dcm,
@@ -73,7 +72,7 @@ def update_reference(work: Workspace, stepper: Stepper) -> None:
         state.heading[:] = wanted.foot_rotation[state.stance, :2, 0]
         state.leaving = is_late(state) or is_early(state) or stands_elsewhere(work, stepper)
         if not state.leaving and state.single and state.duration - state.clock >= FREEZE:
-            take_step(state, choose_step(work, stepper))
+            choose_step(work, stepper)
             state.leaving = bool(state.step.any())
     hold_height(work, stepper)
 
@@ -90,13 +89,6 @@ def stands_elsewhere(work: Workspace, stepper: Stepper) -> bool:
     x, y = com[0] + place[0] - planned[0], com[1] + place[1] - planned[1]
     off = math.hypot(x, y) > OFF_PLACE * stepper.size or abs(height - planned[2]) > OFF_HEIGHT
     return off or math.hypot(slope_x, slope_y) > OFF_TILT
-
-
-@compiled
-def take_step(state: SteppingState, choice: StepChoice) -> None:
-    """Make a choice that of the present single support."""
-    state.choice, state.stretch = choice.candidate, choice.stretch
-    state.step[0], state.step[1] = choice.step
 
 
 @compiled
@@ -185,7 +177,7 @@ def _single_support(work: Workspace, stepper: Stepper, slope: tuple[float, float
     if rest * state.stretch > FREEZE:
         state.length, across = along_across(reach[0], reach[1], state.heading[0], state.heading[1])
         state.width = abs(across)
-        take_step(state, choose_step(work, stepper))
+        choose_step(work, stepper)
     duration = max(rest * state.stretch, 1e-4)
     to_x, to_y = reach[0] + state.step[0], reach[1] + state.step[1]
     x, y, z = landing_shift(state, stepper.plan_slope)
