@@ -3,21 +3,20 @@
 import numpy as np
 import pytest
 
-from ampm.compiled import records
-from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, ContactQP, fill_qp
+from ampm.compiled import refer
+from ampm.control.contact_qp import L_Z, MOMENTUM_SLACK, TWIST_SHARE, fill_qp
+from ampm.control.controller import TrackingController
 from ampm.control.forces import LARGEST_NORMAL, LEAST_NORMAL, TWIST_ARM, share_forces, wrench_map
-from ampm.control.qp import QPSettings
-from ampm.control.workspace import Contact, Line, Point, gains_of, number_unknowns
 from ampm.controller_parameters import ControllerParameters
+from ampm.parameters import RunParameters, SolverParameters
+from tests.solved import COARSE, walk_of
 
 POINTS = 6
 FOOT = POINTS + 3
 FORCES = 2 * FOOT
-LINES = np.tile(np.repeat([0, 1, 2], 2), (2, 1))
 SEEDS = range(4)
 FRICTION = 0.6
 NONE = np.zeros(FORCES)
-GAINS = gains_of(ControllerParameters(friction=FRICTION))
 UPRIGHT = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # a wrench that carries the weight
 X = np.array([-0.1, -0.1, 0.08, 0.08, 0.15, 0.15])
 Y = np.array([0.03, -0.03, 0.045, -0.045, 0.03, -0.03])
@@ -33,48 +32,39 @@ def stance(seed):
     return arm, np.concatenate([np.ones(POINTS), np.repeat(rng.uniform(0.0, 1.0, 3), 2)])
 
 
-def soles(arm, opening):
-    """Points with their shares."""
-    points = records(2 * POINTS, Point)
-    points["foot"], points["line"] = np.repeat([0, 1], POINTS), LINES.ravel()
-    number_unknowns(points)
-    points["arm"], points["limit"] = arm.reshape(-1, 3), opening
-    share_forces(points, np.zeros(FORCES), False)
-    return points
+def made(tolerance=1e-10):
+    """Workspace and QP of a controller."""
+    solver = SolverParameters(tolerance=tolerance, max_iterations=20_000)
+    run = RunParameters(controller=ControllerParameters(friction=FRICTION), solver=solver)
+    controller = TrackingController(walk_of(COARSE).robot, run)
+    return controller.workspace, controller.contact_qp
 
 
-def wrench_of(points):
-    """Net wrench per unknown, shape (6, U)."""
-    wrench = np.empty((6, FORCES))
-    wrench_map(points, wrench)
-    return wrench
+def stand(work, arm, opening):
+    """Give points their shares; net wrench per unknown, shape (6, U)."""
+    work.body.points["arm"], work.body.points["limit"] = arm.reshape(-1, 3), opening
+    share_forces(work.body.points, np.zeros(FORCES), False)
+    wrench_map(work.body.points, work.contact.wrench_map)
+    return work.contact.wrench_map
 
 
-def contact_qp(tolerance=1e-10):
-    return ContactQP(QPSettings(tolerance=tolerance, max_iterations=20_000), GAINS, LINES)
-
-
-def fill(qp, points, momentum, forces=NONE):
-    """Fill in a QP, with curvature and gradient of the posture's cost over the vertical moment."""
-    none = np.empty(0)
-    lines, by_point = records((2, 3), Line), np.zeros((2 * POINTS, 3))
-    contact = Contact(lines, lines, forces, none, none, wrench_of(points), np.array(momentum), by_point)
-    system = np.zeros((20, 27))
-    system[L_Z, 20 + L_Z], system[L_Z, 26] = 0.2, -0.03
-    fill_qp(points, contact, system, 0.4, GAINS, qp.problem)
+def fill(work, momentum, forces=NONE):
+    """Fill in the QP, with curvature and gradient of the posture's cost over the vertical moment."""
+    work.contact.forces[:], work.contact.wrench[:], work.wanted.right_load[0] = forces, momentum, 0.4
+    work.tasks.system[L_Z, 20 + L_Z], work.tasks.system[L_Z, 26] = 0.2, -0.03
+    fill_qp(refer(work))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_wanted_wrench_is_given_where_it_can_be(seed):
     """That of the last tick's forces, shared as planned: hardly any slack, but for the light yaw."""
-    rng, (arm, opening), qp = np.random.default_rng(seed), stance(seed), contact_qp()
-    points = soles(arm, opening)
-    wrench, share = wrench_of(points), np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
+    rng, (arm, opening), (work, qp) = np.random.default_rng(seed), stance(seed), made()
+    wrench, share = stand(work, arm, opening), np.maximum(opening.reshape(2, POINTS)[:, :4], 1e-3)
     phi = np.zeros((2, FOOT))
     phi[:, :4] = np.array([[0.6], [0.4]]) * share / share.sum(axis=1, keepdims=True)
     phi[:, 6:8] = 0.02 * rng.normal(size=(2, 2))
     wanted = wrench @ phi.ravel()
-    fill(qp, points, wanted, phi.ravel())
+    fill(work, wanted, phi.ravel())
     solution = qp.solver.solve()
     assert solution.solved
     got = wrench @ solution.x[:FORCES]
@@ -85,9 +75,10 @@ def test_wanted_wrench_is_given_where_it_can_be(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_forces_stay_within_friction_and_ramps_whatever_is_asked(seed):
     rng, (arm, opening) = np.random.default_rng(100 + seed), stance(seed)
-    qp, slack = contact_qp(1e-6), 1e-5
+    (work, qp), slack = made(1e-6), 1e-5
+    stand(work, arm, opening)
     for _ in range(5):
-        fill(qp, soles(arm, opening), UPRIGHT + rng.normal(size=6))
+        fill(work, UPRIGHT + rng.normal(size=6))
         solution = qp.solver.solve()
         assert solution.solved
         for foot, phi in enumerate(solution.x[:FORCES].reshape(2, FOOT)):

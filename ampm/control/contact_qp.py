@@ -19,8 +19,7 @@ from ampm.body.robot import L_Z
 from ampm.compiled import compiled
 from ampm.control.forces import NORMAL_COST, TWIST_ARM, change_cost
 from ampm.control.qp import QPProblem, QPSettings, QPSolver
-from ampm.control.workspace import ANGULAR, Contact, Tasks
-from ampm.geometry import Array
+from ampm.control.workspace import ANGULAR, Tasks, Workspace
 from ampm.linear import add_combination, add_gram, substitute, triangular
 from ampm.planner.feet import TIP
 
@@ -75,26 +74,20 @@ def eliminate_tasks(tasks: Tasks) -> bool:
 
 
 @compiled
-def fill_qp(
-    points: Any, contact: Contact, system: Array, right_load: float, gains: Any, problem: QPProblem
-) -> None:
+def fill_qp(work: Workspace) -> None:
     """Fill in what changes in the QP from tick to tick.
 
-    Args:
-        points: with their force limits and shares.
-        contact: wrench map and wanted wrench.
-        system: of :func:`eliminate_tasks`, which gives the posture's cost over the vertical moment.
-        right_load: planned share of the right foot [1].
-        gains: of the controller.
-        problem: written.
+    Points have their force limits and shares, the contact its wrench map and wanted wrench; the eliminated
+    tasks give the posture's cost over the vertical moment.
     """
-    friction, smoothing = gains.friction, change_cost(gains.force_smoothing, gains.frequency)
+    points, contact, system, problem = work.body.points, work.contact, work.tasks.system, work.problem
+    smoothing = change_cost(work.gains.force_smoothing, work.gains.frequency)
     P, q, A, lower, upper = problem.P, problem.q, problem.A, problem.lower, problem.upper
     per_foot, rows, first = len(points) // 2, len(system), len(lower) - len(points)
     tangents = points[0].tangent, points[per_foot].tangent
     yaw, yaw_curvature, yaw_gradient = contact.wrench_map[L_Z], system[L_Z, rows + L_Z], system[L_Z, rows + 6]
     for foot in range(2):
-        load = right_load if foot else 1.0 - right_load
+        load = work.wanted.right_load[0] if foot else 1.0 - work.wanted.right_load[0]
         for i in range(tangents[foot], tangents[foot] + 3):
             for tangent in tangents:
                 for j in range(tangent, tangent + 3):
@@ -107,7 +100,7 @@ def fill_qp(
             if foot:
                 q[normal] -= LOAD_COST * load
             for row in (10 + 6 * foot, 11 + 6 * foot):
-                A[row, normal] = -TWIST_SHARE * friction / TWIST_ARM * point.lever
+                A[row, normal] = -TWIST_SHARE * work.gains.friction / TWIST_ARM * point.lever
             lower[first + i], upper[first + i] = point.least, point.largest
     A[:6, : contact.wrench_map.shape[1]] = contact.wrench_map
     lower[:6] = contact.wrench

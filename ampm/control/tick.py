@@ -155,7 +155,7 @@ def set_up_qp(work: Workspace) -> None:
     contact.wrench[:3] = tasks.scale[:3] * wrench.force / weight
     contact.wrench[3:] = tasks.scale[3:6] * wrench.moment / weight
     land(work)
-    fill_qp(body.points, contact, tasks.system, work.wanted.right_load[0], work.gains, work.problem)
+    fill_qp(work)
 
 
 @compiled

@@ -263,8 +263,10 @@ def make_workspace(
         problem: QP in U contact forces, then six slacks.
     """
     feet, points, rows = feet_of(robot), frames_of(robot.model, robot.point_frames, Point), robot.task_rows
-    points["foot"], points["line"] = robot.point_foot, robot.point_group
-    number_unknowns(points)
+    points["foot"], points["line"], per_foot = robot.point_foot, robot.point_group, len(points) // 2
+    # Unknowns of a foot: the normal forces of its points, two tangential forces, a twist.
+    points["normal"] = 3 * points["foot"] + np.arange(len(points))
+    points["tangent"] = (per_foot + 3) * points["foot"] + per_foot
     body, q = robot.rigid_body._replace(soles=feet), np.zeros(robot.nq)
     q[6] = 1.0
     body.place(q)
@@ -319,13 +321,6 @@ def feet_of(robot: Robot) -> Any:
     feet["toe"][:count] = robot.toe_joints
     feet["toe_row"][:count] = 6 + 6 * len(feet) + np.arange(count)
     return feet
-
-
-def number_unknowns(points: Any) -> None:
-    """Number the contact forces: per foot the normal forces of its points, two tangential forces, a twist."""
-    per_foot = len(points) // 2
-    points["normal"] = 3 * points["foot"] + np.arange(len(points))
-    points["tangent"] = (per_foot + 3) * points["foot"] + per_foot
 
 
 _NUMBERS = [key for key, value in ControllerParameters() if isinstance(value, float)]
