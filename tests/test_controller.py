@@ -117,7 +117,7 @@ def test_joints_may_only_run_as_fast_as_they_can_brake():
         v = np.zeros(40)
         v[9] = rate
         assert limit_broken(near, v, still, joints) is breaks
-        low, high = acceleration_bounds(robot, near, v)
+        low, high = acceleration_bounds(near, v, joints, robot.gravity)
         assert bool(high[3] < 0.0) is breaks
         assert (low <= high).all()
 

@@ -16,7 +16,7 @@ from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
 from ampm.control.contact_qp import ContactQP
 from ampm.control.forces import share_forces, without_closed
-from ampm.control.limited_qp import LimitedQP, acceleration_bounds
+from ampm.control.limited_qp import LimitedQP
 from ampm.control.qp import QPSettings, QPSolution
 from ampm.control.tick import keep_tick, prepare_qp, take_forces, update_torques
 from ampm.control.workspace import SteppingState, make_workspace
@@ -25,8 +25,6 @@ from ampm.parameters import RunParameters
 from ampm.reference import reference_type
 from ampm.stepping.tracker import StepTracker
 from ampm.walk import LIMITED, SOLVED, UNSOLVED, ControlOutput, Reference, State, Timing, Touch, WalkPlan
-
-_END_SOFTNESS = 1e-2  # softness of the task of a toe at the end of its range
 
 
 class TrackingController:
@@ -162,14 +160,7 @@ class TrackingController:
             Solution, with iterations and time of both solves added; status of the tick.
         """
         work, robot, forces = self.workspace, self.robot, self.contact_qp.forces
-        torque_map, bias = self._torque_map()
-        low, high = acceleration_bounds(robot, work.sensed.q, work.sensed.v)
-        softness = work.tasks.softness.copy()
-        for foot in work.body.feet:
-            row, toe = foot["toe_row"], foot["toe"] - 6
-            if row >= 0 and not low[toe] <= work.tasks.rhs[row] <= high[toe]:
-                softness[row] = _END_SOFTNESS  # an exact row would contradict the limit
-        limited = self.limited.solve(work, softness, torque_map, bias, (low, high))
+        limited = self.limited.solve(work, *self._torque_map())
         if limited.solved:
             work.motion.acceleration[:] = robot.gravity * limited.x[: robot.nv]
             work.contact.solution[:] = limited.x[robot.nv : robot.nv + forces]

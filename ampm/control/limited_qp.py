@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from ampm.body.robot import Robot
 from ampm.compiled import compiled
 from ampm.control.contact_qp import ContactQP
 from ampm.control.qp import QPProblem, QPSettings, QPSolution, QPSolver
@@ -17,6 +16,7 @@ from ampm.geometry import Array
 _BRAKE = 500.0  # deceleration with which a joint may run towards its limit [rad/s^2]
 _BRAKE_TIME = 0.01  # time in which a joint that runs faster is slowed down [s]
 _LARGEST = 200.0  # largest acceleration that brings back a joint far outside [g]
+_END_SOFTNESS = 1e-2  # softness of the task of a toe at the end of its range
 
 
 class LimitedQP:
@@ -60,23 +60,24 @@ class LimitedQP:
         A_mask[self._torques, self._accelerations] = A_mask[self._torques, self._forces] = True
         self._solver = QPSolver(self.problem, P_mask, A_mask, settings)
 
-    def solve(
-        self, work: Workspace, softness: Array, torque_map: Array, bias: Array, bounds: tuple[Array, Array]
-    ) -> QPSolution:
+    def solve(self, work: Workspace, torque_map: Array, bias: Array) -> QPSolution:
         """Solve with the contact QP's forces, costs and wanted momentum of this tick.
 
         Args:
             work: of a tick whose contact QP is filled in.
-            softness: of the task rows, shape (R,).
             torque_map: torques per unit of (acceleration / g, forces), shape (nu, nv + U) [N m].
             bias: torques at zero, shape (nu,) [N m].
-            bounds: least and largest accelerations of the joints, see :func:`acceleration_bounds`.
 
         Returns:
             Unknowns: accelerations [g], forces and their slacks, slacks of the soft tasks.
         """
         forces, limit, tasks = self._contact_qp.problem, work.joints.torque_limit, work.tasks
-        rows, sqrt_weight = tasks.jacobian.T, work.motion.sqrt_weight
+        rows, sqrt_weight, softness = tasks.jacobian.T, work.motion.sqrt_weight, tasks.softness.copy()
+        low, high = acceleration_bounds(work.sensed.q, work.sensed.v, work.joints, work.body.gravity)
+        for foot in work.body.feet:
+            row, toe = foot["toe_row"], foot["toe"] - 6
+            if row >= 0 and not low[toe] <= tasks.rhs[row] <= high[toe]:
+                softness[row] = _END_SOFTNESS  # an exact row would contradict the limit
         P, q, A, lower, upper = self.problem
         P[self._force_unknowns, self._force_unknowns] = forces.P
         q[self._accelerations] = -self._weights * (tasks.posture / sqrt_weight)
@@ -91,7 +92,7 @@ class LimitedQP:
         lower[self._force_rows], upper[self._force_rows] = forces.lower, forces.upper
         lower[self._tasks] = upper[self._tasks] = tasks.rhs[6:]
         lower[self._torques], upper[self._torques] = -1.0 - bias / limit, 1.0 - bias / limit
-        lower[self._joints], upper[self._joints] = bounds
+        lower[self._joints], upper[self._joints] = low, high
         return self._solver.solve()
 
 
@@ -116,10 +117,10 @@ def limit_broken(q: Array, v: Array, acceleration: Array, joints: Joints) -> boo
     return False
 
 
-def acceleration_bounds(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
+def acceleration_bounds(q: Array, v: Array, joints: Joints, gravity: float) -> tuple[Array, Array]:
     """Least and largest accelerations with which all joints can brake within their ranges, (nu,) each [g]."""
-    up = np.array([braking_rate(room) for room in robot.upper - q[7:]])
-    down = np.array([braking_rate(room) for room in q[7:] - robot.lower])
-    scale = 1.0 / (_BRAKE_TIME * robot.gravity)
+    up = np.array([braking_rate(room) for room in joints.upper - q[7:]])
+    down = np.array([braking_rate(room) for room in q[7:] - joints.lower])
+    scale = 1.0 / (_BRAKE_TIME * gravity)
     low, high = scale * (-down - v[6:]), scale * (up - v[6:])
     return np.minimum(low, _LARGEST), np.maximum(high, -_LARGEST)
