@@ -131,8 +131,8 @@ def relative(**sensors):
 def test_a_resting_point_slides_the_more_the_less_it_bears():
     robot, run = walk_of().robot, load_run("normal", sensors={"estimator": "kalman"})
     f = Kalman(robot, run, State(0.0, pin.neutral(robot.model), np.zeros(robot.nv), 0.0)).filter
-    f.loaded[:], f.read.force[:] = True, f.known.weight * np.tile([0.01, 0.03, 0.05, 0.1, 0.25, 0.5], 2)
-    rows = slice(POINTS, POINTS + 3 * len(f.known.points))
+    f.loaded[:], f.soles.force[:] = True, f.known.weight * np.tile([0.01, 0.03, 0.05, 0.1, 0.25, 0.5], 2)
+    rows = slice(POINTS, POINTS + 3 * len(f.soles.points))
     before = np.diag(f.covariance)[rows].copy()
     predict(f, 0.0, 0.002)
     growth = ((np.diag(f.covariance)[rows] - before) / f.known.growth[rows]).reshape(-1, 3)

@@ -59,8 +59,6 @@ class Read(NamedTuple):
     gyro: Annotated[Array, (3,)]  # [rad/s]
     gyro_before: Annotated[Array, (3,)]  # the reading before [rad/s]
     accelerometer: Annotated[Array, (3,)]  # [m/s^2]
-    force: Annotated[Array, ("P",)]  # as read, or by the wrenches [N]
-    contact: Annotated[Flags, ("P",)]  # the same
     position: Annotated[Array, (3,)]  # [m]
 
 
@@ -69,12 +67,11 @@ class Known(NamedTuple):
 
     tree: Any  # of the body
     armature: Array  # of every coordinate, (nv,) [kg m^2]
-    points: Any  # frames of the sole points
     weight: float  # of the body [N]
     gravity: float  # [m/s^2]
     levels: Array  # heights of the floor's surfaces [m]
     slope: Array  # of the floor: dz/dx, dz/dy, (2,) [1]
-    wrenches: bool  # whether force and contact are those that the wrenches of the feet give
+    wrenches: bool  # whether the wrenches of the feet give force and contact of the sole points
     joint_error: Array  # of the commanded accelerations of the hinges, at least, (nu,) [rad/s^2]
     variance: Array  # of angles, rates, gyro and fixes as read, (4,)
     growth: Array  # of the variances of x in a tick, (X,)
@@ -84,7 +81,7 @@ class Known(NamedTuple):
 class Filter(NamedTuple):
     """What is estimated, and from what. World axes; the root's own for its rate and the IMU."""
 
-    q: Array  # Pinocchio configuration, (nq,)
+    q: Annotated[Array, ("nq",)]  # Pinocchio configuration
     joint_rate: Annotated[Array, ("nu",)]  # [rad/s]
     joint_covariance: Annotated[Array, ("nu", 3)]  # of each hinge: var(angle), cov(angle, rate), var(rate)
     rate: Annotated[Array, (3,)]  # of the root [rad/s]
@@ -97,12 +94,12 @@ class Filter(NamedTuple):
     covariance: Array  # of x, (X, X)
     offset: Annotated[Array, ("nu",)]  # of the encoders [rad]
     loaded: Annotated[Flags, ("P",)]  # sole points that rest
-    touched: Any  # sole points that touched at the last tick, (P,)
+    touched: Annotated[Flags, ("P",)]  # sole points that touched at the last tick
     turn: Annotated[Array, (3, 3)]  # axes of the root to world
     link: Any  # of the body, placed
-    soles: Any  # :class:`~ampm.sensors.soles.Soles`
-    commanded: Array  # accelerations of the last N ticks, latest last, (N, nv) [m/s^2, rad/s^2]
-    begin: Array  # when they began to act, and the time of this tick, (N + 1,) [s]
+    soles: Any  # :class:`~ampm.sensors.soles.Soles`, with the last readings of force and contact
+    commanded: Annotated[Array, ("N", "nv")]  # accelerations of N ticks, latest last [m/s^2, rad/s^2]
+    begin: Annotated[Array, ("N + 1",)]  # when they began to act, and the time of this tick [s]
     read: Read
     layout: Layout
     known: Known
@@ -165,9 +162,9 @@ def predict(f: Filter, last: float, period: float) -> None:
     propagate(f, period, force, f.covariance.T)
     for e in range(len(f.x)):
         f.covariance[e, e] += f.known.growth[e]
-    for i in range(len(f.known.points)):
+    for i in range(len(f.soles.points)):
         if f.loaded[i]:
-            bears = min(max(f.read.force[i] / f.known.weight, 0.5 * LOAD), FIRM)
+            bears = min(max(f.soles.force[i] / f.known.weight, 0.5 * LOAD), FIRM)
             for e in range(POINTS + 3 * i, POINTS + 3 * i + 2):
                 f.covariance[e, e] += ((FIRM / bears) ** 2 - 1.0) * f.known.growth[e]
 
@@ -275,15 +272,15 @@ def correct(f: Filter, period: float, has_fix: bool) -> None:
     """Correct the root by sole points that touch or rest, and by a fix."""
     place_links(f.known.tree, f.q, f.link)
     if f.known.wrenches:
-        spread_wrenches(f.soles, f.link, f.known.points, f.read.force, f.read.contact)
+        spread_wrenches(f.soles, f.link)
     if f.layout.momentum:
         correct_by_momentum(f, period)
-    for i in range(len(f.known.points)):
-        update_contact(f, i, place_of(f.link, f.known.points[i]))
-    for i in range(len(f.known.points)):
+    for i in range(len(f.soles.points)):
+        update_contact(f, i, place_of(f.link, f.soles.points[i]))
+    for i in range(len(f.soles.points)):
         if f.loaded[i]:
             for axis in range(3):
-                correct_by_rest(f, axis, place_of(f.link, f.known.points[i]), i)
+                correct_by_rest(f, axis, place_of(f.link, f.soles.points[i]), i)
     if has_fix:
         for axis in range(3):
             correct_entry(f, axis, f.read.position[axis], f.known.variance[3])
@@ -344,7 +341,7 @@ def moment_derivative(f: Filter, h: int, com: Vector) -> Vector:
     for foot in range(2):
         push, moment = vector(s.felt[foot, 0:3]), vector(s.felt[foot, 3:6])
         shifted = away
-        if f.layout.moves[foot * len(f.known.points) // 2, h]:
+        if f.layout.moves[foot * len(f.soles.points) // 2, h]:
             sole = place_of(f.link, s.frame[foot])
             shifted = plus(away, cross(axis, minus(sole, place)))
             turning = plus(cross(minus(sole, com), cross(axis, push)), cross(axis, moment))
@@ -356,10 +353,10 @@ def moment_derivative(f: Filter, h: int, com: Vector) -> Vector:
 @compiled
 def update_contact(f: Filter, i: int, arm: Vector) -> None:
     """Update whether a point rests, and its place if that changes; correct by its height at a touch."""
-    if f.read.contact[i] and not f.touched[i]:
+    if f.soles.contact[i] and not f.touched[i]:
         correct_by_touch(f, arm, i)
-    f.touched[i] = f.read.contact[i]
-    loaded = f.read.contact[i] and f.read.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.known.weight
+    f.touched[i] = f.soles.contact[i]
+    loaded = f.soles.contact[i] and f.soles.force[i] > (0.5 if f.loaded[i] else 1.0) * LOAD * f.known.weight
     if loaded != f.loaded[i]:
         f.loaded[i] = loaded
         for axis in range(3):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ampm.body.rigid_body import Link, frames_of, tree_of
+from ampm.body.rigid_body import Link
 from ampm.body.robot import Robot
 from ampm.compiled import bound, records, refer, zeros_of
 from ampm.geometry import Array
@@ -67,17 +67,14 @@ class Kalman:
             imu=size - len(spin) - 3 if len(imu) else 0,
             momentum=size - 3 if len(spin) else 0,
         )
-        sizes = {"nu": robot.nu, "P": points, "X": size}
+        sizes = {"nq": robot.nq, "nv": robot.nv, "nu": robot.nu, "P": points, "X": size}
+        sizes |= {"N": ticks, "N + 1": ticks + 1}
         self.filter = f = zeros_of(
             Filter,
             sizes,
-            q=np.array(start.q),
             covariance=np.diag(start_errors**2),
-            touched=np.ones(points, dtype=bool),
             link=records(robot.model.njoints - 1, Link),
             soles=soles_of(robot, run),
-            commanded=np.zeros((ticks, robot.nv)),
-            begin=np.full(ticks + 1, start.time),
             read=zeros_of(Read, sizes),
             layout=layout,
             known=_known(robot, run, walk, start.velocity_lag),
@@ -113,16 +110,16 @@ class Kalman:
             commanded = self._none
             if now > f.begin[-1]:
                 f.known.joint_error[:] = _NOT_COMMANDED
-        read = f.read
+        read, soles = f.read, f.soles
         read.angles[:], read.rates[:], read.gyro[:] = readings.angles, readings.rates, readings.gyro
         read.accelerometer[:] = readings.accelerometer
-        read.force[:], read.contact[:] = readings.force, readings.contact
+        soles.force[:], soles.contact[:] = readings.force, readings.contact
         if readings.wrench is not None:
-            f.soles.wrench[:] = readings.wrench
+            soles.wrench[:] = readings.wrench
         if fix is not None:
             read.position[:] = fix
         self._update(commanded, now, age, fix is not None, self._q, self._v)
-        touch = Touch(read.contact.copy(), read.force.copy(), 2.0 * f.known.lag + age, self._threshold)
+        touch = Touch(soles.contact.copy(), soles.force.copy(), 2.0 * f.known.lag + age, self._threshold)
         return State(now, self._q.copy(), self._v.copy(), f.known.lag), touch  # which a user's class may keep
 
 
@@ -139,9 +136,8 @@ def _known(robot: Robot, run: RunParameters, walk: Array, lag: float) -> Known:
     commanded = robot.by_group(_ERRORS)
     commanded[robot.toe_joints] = _TOE_ERROR
     return Known(
-        tree=tree_of(robot.model),
+        tree=robot.rigid_body.tree,
         armature=robot.rigid_body.armature,
-        points=frames_of(robot.model, robot.point_frames),
         weight=robot.mass * robot.gravity,
         gravity=robot.gravity,
         levels=np.array(sorted({step.z for step in run.footsteps}) or [0.0]),

@@ -39,6 +39,10 @@ class Soles(NamedTuple):
     """What is read of the feet and known of them."""
 
     frame: Any  # of both soles
+    points: Any  # frames of the P sole points, the left foot's first
+    line: Any  # of every sole point, (P,)
+    force: Annotated[Array, ("P",)]  # normal force of every sole point [N]
+    contact: Annotated[Flags, ("P",)]  # sole points that touch
     # as read: forces and moments about the sole, in its axes [N, N m]
     wrench: Annotated[Array, (2, 6)]
     offset: Annotated[Array, (2, 6)]  # of the same, found in the air [N, N m]
@@ -48,7 +52,6 @@ class Soles(NamedTuple):
     unloaded: Annotated[Array, (2,)]  # time since the foot was loaded [s]
     loaded: Annotated[Flags, (2,)]  # feet that carry load
     touching: Annotated[Flags, (2, 3)]  # their lines of points
-    line: Any  # of every sole point, (P,)
     threshold: float  # load at which a foot or a line touches; half of it to go on touching [N]
     period: float  # of a control tick [s]
     weight: float  # of the body, if the sensors have errors of scale; else 0 [N]
@@ -58,11 +61,12 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
     """Soles of a body with the run's sensors, unloaded."""
     return zeros_of(
         Soles,
-        {},
+        {"P": len(robot.point_frames)},
         frame=frames_of(robot.model, robot.sole_frames),
+        points=frames_of(robot.model, robot.point_frames),
+        line=robot.point_group.copy(),
         scale=np.ones(2),
         tared=np.full(2, not (run.sensors.force_bias or run.sensors.moment_bias)),
-        line=robot.point_group.copy(),
         threshold=max(run.sensors.contact_threshold, NO_LOAD * robot.mass * robot.gravity),
         period=1.0 / run.controller.frequency,
         weight=robot.mass * robot.gravity if run.sensors.force_scale_bias else 0.0,
@@ -70,31 +74,24 @@ def soles_of(robot: Robot, run: RunParameters) -> Soles:
 
 
 @compiled
-def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any) -> None:
-    """Normal forces of the sole points that give the wrenches as read, and which points touch.
+def spread_wrenches(s: Soles, link: Any) -> None:
+    """Write normal forces of the sole points that give the wrenches as read, and which points touch.
 
     Of all forces that push, these have the least sum of squares, each divided by how near its point is to the
     floor. Of a loaded foot a line of points touches that is at the height of its lowest point; higher up it
     touches by its load. A foot that is turned to the floor presses with some newtons only, while another of
-    its lines bears the body.
-
-    Args:
-        s: soles with the wrenches as read.
-        link: of the body, placed.
-        points: frames of the sole points.
-        force: is written, shape (P,) [N].
-        contact: is written, shape (P,).
+    its lines bears the body. The links are placed.
     """
-    count = len(points) // 2
+    count = len(s.points) // 2
     for foot in range(2):
         load, moment = tared(s, link, foot)
         arm, sole, first = np.empty((count, 3)), place_of(link, s.frame[foot]), count * foot
         for i in range(count):
-            put(arm[i], minus(place_of(link, points[first + i]), sole))
+            put(arm[i], minus(place_of(link, s.points[first + i]), sole))
         lowest = arm[:, 2].min()  # all points bear at this height
         height = ((arm[:, 2] - lowest) / YIELD) ** 2
         arm[:, 2] = 1.0
-        here, line = force[first : first + count], s.line[first : first + count]
+        here, line = s.force[first : first + count], s.line[first : first + count]
         here[:] = np.where(line == TIP, TIP_SHARE, 1.0) / (1.0 + height)
         wanted = lowest * load[0] - moment[1], lowest * load[1] + moment[0], load[2]
         spread(arm, wanted if s.loaded[foot] else ZERO, here)
@@ -104,7 +101,7 @@ def spread_wrenches(s: Soles, link: Any, points: Any, force: Array, contact: Any
             least = 0.5 * (min(1.0, level) - LEVEL) if by_height else min(1.0, level + FIRST)
             s.touching[foot, group] = s.loaded[foot] and total > s.threshold * least
         for i in range(count):
-            contact[first + i] = s.touching[foot, line[i]]
+            s.contact[first + i] = s.touching[foot, line[i]]
 
 
 @compiled
@@ -154,10 +151,10 @@ def spread(arm: Array, wanted: Vector, force: Array) -> None:
 
 
 @compiled
-def spread_at(s: Soles, tree: Any, link: Any, points: Any, q: Array, force: Array, contact: Any) -> None:
+def spread_at(s: Soles, tree: Any, link: Any, q: Array) -> None:
     """:func:`spread_wrenches` at a configuration."""
     place_links(tree, q, link)
-    spread_wrenches(s, link, points, force, contact)
+    spread_wrenches(s, link)
 
 
 class SoleForces:
@@ -169,11 +166,8 @@ class SoleForces:
     """
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
-        body, points = robot.rigid_body, frames_of(robot.model, robot.point_frames)
-        self._soles, self._force = soles_of(robot, run), np.zeros(len(points))
-        self._contact = np.zeros(len(points), dtype=bool)
-        fixed = refer(self._soles), body.tree, body.link, points
-        self._spread = bound(spread_at, fixed, np.zeros(robot.nq), self._force, self._contact)
+        body, self._soles = robot.rigid_body, soles_of(robot, run)
+        self._spread = bound(spread_at, (refer(self._soles), body.tree, body.link), np.zeros(robot.nq))
 
     def update(self, q: Array, wrench: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Normal forces (P,) [N] of the sole points and which of them touch; the next call overwrites both.
@@ -183,5 +177,5 @@ class SoleForces:
             wrench: of this control tick, see :class:`~ampm.sensors.readings.Readings`, (2, 6) [N, N m].
         """
         self._soles.wrench[:] = wrench
-        self._spread(q, self._force, self._contact)
-        return self._force, self._contact
+        self._spread(q)
+        return self._soles.force, self._soles.contact
