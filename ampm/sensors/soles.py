@@ -84,7 +84,7 @@ def spread_wrenches(s: Soles, link: Any) -> None:
     """
     count = len(s.points) // 2
     for foot in range(2):
-        load, moment = tared(s, link, foot)
+        tare(s, link, foot)
         arm, sole, first = np.empty((count, 3)), place_of(link, s.frame[foot]), count * foot
         for i in range(count):
             put(arm[i], minus(place_of(link, s.points[first + i]), sole))
@@ -93,7 +93,8 @@ def spread_wrenches(s: Soles, link: Any) -> None:
         arm[:, 2] = 1.0
         here, line = s.force[first : first + count], s.line[first : first + count]
         here[:] = np.where(line == TIP, TIP_SHARE, 1.0) / (1.0 + height)
-        wanted = lowest * load[0] - moment[1], lowest * load[1] + moment[0], load[2]
+        felt = s.felt[foot]
+        wanted = lowest * felt[0] - felt[4], lowest * felt[1] + felt[3], felt[2]
         spread(arm, wanted if s.loaded[foot] else ZERO, here)
         for group in range(s.touching.shape[1]):
             total, level = here[line == group].sum(), 0.5 * height[line == group].sum()
@@ -105,8 +106,8 @@ def spread_wrenches(s: Soles, link: Any) -> None:
 
 
 @compiled
-def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
-    """Force and moment of a foot in world axes, to scale, less the offsets that it shows in the air."""
+def tare(s: Soles, link: Any, foot: int) -> None:
+    """Write force and moment of a foot in world axes, to scale, less the offsets that it shows in the air."""
     turn, frame = np.empty((3, 3)), s.frame[foot]
     multiply(link[frame.joint].turn, frame.turn, turn)
     share = 1.0 / s.scale[foot]
@@ -121,7 +122,6 @@ def tared(s: Soles, link: Any, foot: int) -> tuple[Vector, Vector]:
         s.tared[foot] = True
     put(s.felt[foot, 0:3], load)
     put(s.felt[foot, 3:6], moment)
-    return load, moment
 
 
 @compiled
@@ -150,13 +150,6 @@ def spread(arm: Array, wanted: Vector, force: Array) -> None:
         force *= wanted[2] / force.sum()
 
 
-@compiled
-def spread_at(s: Soles, tree: Any, link: Any, q: Array) -> None:
-    """:func:`spread_wrenches` at a configuration."""
-    place_links(tree, q, link)
-    spread_wrenches(s, link)
-
-
 class SoleForces:
     """What the soles feel, from wrenches: for an estimator of one's own.
 
@@ -167,7 +160,9 @@ class SoleForces:
 
     def __init__(self, robot: Robot, run: RunParameters) -> None:
         body, self._soles = robot.rigid_body, soles_of(robot, run)
-        self._spread = bound(spread_at, (refer(self._soles), body.tree, body.link), np.zeros(robot.nq))
+        self._place = bound(place_links, (body.tree,), np.zeros(robot.nq), body.link)
+        self._link = body.link
+        self._spread = bound(spread_wrenches, (refer(self._soles), body.link))
 
     def update(self, q: Array, wrench: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Normal forces (P,) [N] of the sole points and which of them touch; the next call overwrites both.
@@ -177,5 +172,6 @@ class SoleForces:
             wrench: of this control tick, see :class:`~ampm.sensors.readings.Readings`, (2, 6) [N, N m].
         """
         self._soles.wrench[:] = wrench
-        self._spread(q)
+        self._place(q, self._link)
+        self._spread()
         return self._soles.force, self._soles.contact
