@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.robot import Robot
 from ampm.compiled import bound, refer
 from ampm.control.contact_qp import ContactQP
@@ -44,9 +43,8 @@ class TrackingController:
         self.robot, gains, solver = robot, run.controller, run.solver
         settings = QPSettings(tolerance=solver.tolerance, max_iterations=solver.max_iterations)
         self.contact_qp = ContactQP(settings, gains, robot.point_group.reshape(len(robot.sole_frames), -1))
-        weights = robot.by_group(POSTURE_WEIGHTS)
         self._row = np.zeros(1, reference_type(robot.nq, robot.nv))
-        self.workspace = work = make_workspace(robot, gains, weights, self._row, self.contact_qp.problem)
+        self.workspace = work = make_workspace(robot, gains, self._row, self.contact_qp.problem)
         limit_settings = QPSettings(  # a problem of mixed scales, solved in few ticks: it is equilibrated
             tolerance=2.0 * solver.tolerance,
             max_iterations=4 * solver.max_iterations,
@@ -55,7 +53,7 @@ class TrackingController:
             rho_interval=1000,  # with 50, hard problems took 25,000 to 75,000 iterations instead of 8,000
             scaling=10,
         )
-        self.limited = LimitedQP(limit_settings, weights, len(work.tasks.scale), self.contact_qp)
+        self.limited = LimitedQP(limit_settings, robot, self.contact_qp)
         self._first, self._steps = True, gains.stabilizer == "stepping"
         self._tracker: StepTracker | None = None
         self._handle = refer(work)

@@ -7,6 +7,8 @@ import math
 
 import numpy as np
 
+from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
+from ampm.body.robot import Robot
 from ampm.compiled import compiled
 from ampm.control.contact_qp import ContactQP
 from ampm.control.qp import QPProblem, QPSettings, QPSolution, QPSolver
@@ -24,8 +26,7 @@ class LimitedQP:
 
     Args:
         settings: of the solver.
-        weights: posture weights, shape (nv,).
-        rows: of the tasks.
+        robot: the body, as the controller knows it.
         contact_qp: supplies the force part of cost and constraints.
     """
 
@@ -33,12 +34,12 @@ class LimitedQP:
     """Weights of the deviations from posture, feet and toes; that of the momentum is one, so it has priority
     here, too."""
 
-    def __init__(self, settings: QPSettings, weights: Array, rows: int, contact_qp: ContactQP) -> None:
-        nv, nu, soft = len(weights), len(weights) - 6, rows - 6
+    def __init__(self, settings: QPSettings, robot: Robot, contact_qp: ContactQP) -> None:
+        nv, nu, soft = robot.nv, robot.nu, robot.task_rows - 6
         force_rows, force_unknowns = contact_qp.problem.A.shape
         n, task_rows = nv + force_unknowns + soft, 6 + force_rows
         m = task_rows + soft + 2 * nu
-        self._contact_qp, self._weights = contact_qp, self.TASK_COST * weights
+        self._contact_qp, self._weights = contact_qp, self.TASK_COST * robot.by_group(POSTURE_WEIGHTS)
         # Unknowns: accelerations, forces and their slacks, slacks of the soft tasks.
         self._accelerations, self._forces = slice(nv), slice(nv, nv + contact_qp.forces)
         self._force_unknowns, self._slacks = slice(nv, nv + force_unknowns), slice(n - soft, n)

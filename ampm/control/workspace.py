@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ampm.body.inverse_kinematics import POSTURE_WEIGHTS
 from ampm.body.rigid_body import Array3, Array33, Frame, RigidBody, frames_of
 from ampm.body.robot import Robot
 from ampm.compiled import records, zeros_of
@@ -250,15 +251,12 @@ class Workspace(NamedTuple):
     stepping: Any  # table of one SteppingState
 
 
-def make_workspace(
-    robot: Robot, gains: ControllerParameters, weights: Array, row: NDArray[Any], problem: Any
-) -> Workspace:
+def make_workspace(robot: Robot, gains: ControllerParameters, row: NDArray[Any], problem: Any) -> Workspace:
     """The workspace of a controller.
 
     Args:
         robot: the body, as the controller knows it.
         gains: parameters of the controller.
-        weights: posture weights, shape (nv,).
         row: one reference, shape (1,), of which ``wanted`` are views.
         problem: QP in U contact forces, then six slacks.
     """
@@ -289,7 +287,7 @@ def make_workspace(
             mass=float(body.link["mass"][0]),
             gravity=robot.gravity,
         ),
-        motion=zeros_of(Motion, sizes, sqrt_weight=np.sqrt(weights)),
+        motion=zeros_of(Motion, sizes, sqrt_weight=np.sqrt(robot.by_group(POSTURE_WEIGHTS))),
         tasks=zeros_of(Tasks, sizes, scale=scale),
         command=zeros_of(Wrench, sizes),
         tilt=zeros_of(Tilt, sizes),
