@@ -35,11 +35,10 @@ def sense_touch(work: Workspace, stepper: Stepper) -> None:
     for i in range(len(points)):
         if contact[i] and not points[i].touching:
             points[i].touch_height = work.body.com[2] + points[i].arm[2]
+    count = len(points) // 2
     for foot in range(2):
-        touched = False
-        for i in range(len(points)):
-            touched = touched or (points[i].foot == foot and contact[i])
-        touched = touched and work.body.feet[foot].rotation[2, 2] >= TIPPED
+        upright = work.body.feet[foot].rotation[2, 2] >= TIPPED
+        touched = upright and contact[count * foot : count * (foot + 1)].any()
         state.touch_ticks[foot] = state.touch_ticks[foot] + 1 if touched else 0
     state.elapsed += stepper.tick
 
