@@ -36,8 +36,9 @@ _THIN = 0.005  # least half axis of a segment's shape [m]
 
 
 class _Leg(NamedTuple):
-    """Hinges from trunk to knee and from knee to foot, and the foot."""
+    """Side, hinges from trunk to knee and from knee to foot, and the foot."""
 
+    side: str
     hip: list[Hinge]
     knee: Hinge
     ankle: list[Hinge]
@@ -105,7 +106,7 @@ class Writer:
                     key="body.knee",
                 )
             at = joints.index(knee)
-            self.legs.append(_Leg(joints[:at], knee, joints[at + 1 :], foot))
+            self.legs.append(_Leg(side, joints[:at], knee, joints[at + 1 :], foot))
             self._check_knee(self.legs[-1])
         self.trunk = tree.of_body[tree.body(file.trunk, "trunk")]
         self.trunk_joints = shared + [joint for joint in self.trunk.chain if joint not in shared]
@@ -126,9 +127,9 @@ class Writer:
                 key="body.knee",
             )
 
-    def _add_leg(self, leg: _Leg, side: str, sole: SoleGeometry, foot: Element) -> LegDescription:
+    def _add_leg(self, leg: _Leg, sole: SoleGeometry, foot: Element) -> LegDescription:
         """Write the sole of a leg into its foot, and describe the leg."""
-        outline, sign = self.file.sole, 1.0 if side == "left" else -1.0
+        outline, side, sign = self.file.sole, leg.side, 1.0 if leg.side == "left" else -1.0
         turn = sole_turn(outline.pitch)
         origin = turn @ np.array([outline.reference, sign * outline.middle, outline.bottom])
         origin += self.tree.foot_offset * (1.0, sign, 1.0)
@@ -215,10 +216,7 @@ class Writer:
         next(model.iter("flag")).set("eulerdamp", "disable")
         segments = self._add_segments(model, root, floor)
         add(segments[self.trunk], "site", name="imu", pos=self.trunk.inertial.com)
-        left, right = (
-            self._add_leg(leg, side, sole, segments[leg.foot])
-            for leg, side in zip(self.legs, scene.SIDES, strict=True)
-        )
+        left, right = (self._add_leg(leg, sole, segments[leg.foot]) for leg in self.legs)
         limits = tuple((hinge.name, hinge.effort) for hinge in hinges)
         scene.add_motors(model, limits)
         description = BodyDescription(
@@ -289,22 +287,20 @@ class Writer:
         hinges, of_legs = self.tree.hinges.values(), self.legs[0].joints + self.legs[1].joints
         ends = {leg.foot for leg in self.legs}
         leg_length = self.legs[0].straight()[1]
-        below: list[str] = []
+        below, wrong = list[str](), list[str]()
         for segment in self.tree.segments:
             if segment.parent in ends:
                 ends.add(segment)
                 below += _names(segment.joints)
+            moments = np.linalg.eigvalsh(segment.inertial.inertia)
+            if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
+                wrong.append(segment.name)
         resting = [joint.name for joint in of_legs if joint.name in self.file.rest]
         rest = [(self.tree.hinges[name], angle) for name, angle in self._rest()]
         outside = [
             f"{h.name} = {a:g}, not {h.low:g} to {h.high:g}" for h, a in rest if not h.low <= a <= h.high
         ]
         bare = [segment.name for segment in self.tree.segments if not segment.inertial.mass > 0.0]
-        wrong = []
-        for segment in self.tree.segments:
-            moments = np.linalg.eigvalsh(segment.inertial.inertia)
-            if not (moments[0] > MASSLESS and moments[-1] <= segment.inertial.mass * leg_length**2):
-                wrong.append(segment.name)
         widest = dict.fromkeys(of_legs, _LARGEST_RANGE)
         astray = [h.name for h in hinges if not 0.0 < h.high - h.low <= widest.get(h, math.inf)]
         weak = [hinge.name for hinge in hinges if not 0.0 < hinge.effort < math.inf]

@@ -73,7 +73,7 @@ class _Proposal:
         self.axes = upright_axes(self.data, self.feet)
         left = self.data.xaxis @ self.axes[1]
         chains = [self.chains[end] for end in self.feet]
-        legs = [[j for j in chain if j not in other] for chain, other in (chains, chains[::-1])]
+        legs = [sorted(chain - other) for chain, other in (chains, chains[::-1])]
         bends = [[joint for joint in leg[:LEG_JOINTS] if abs(left[joint]) > _LATERAL] for leg in legs]
         toes = [joint for leg in legs for joint in leg[LEG_JOINTS:]]
         # Behind the bends of hip, knee and ankle, what bends within a range are toes.
@@ -88,7 +88,7 @@ class _Proposal:
             )
         self.knees = [joints[1] for joints in bends]
         self.beside = _BESIDE * math.dist(self.data.xanchor[legs[0][0]], self.data.xpos[self.feet[0]])
-        self.legs = {joint for foot in self.feet for joint in self.chains[foot]}
+        self.legs = self.chains[self.feet[0]] | self.chains[self.feet[1]]
         # A knee bends about the axis to the left by more than it can be stretched.
         if left[self.knees[0]] * model.jnt_range[self.knees[0]].sum() < 0.0:
             self.feet.reverse()
@@ -97,7 +97,7 @@ class _Proposal:
 
     def _ends(self) -> list[int]:
         """The two ends of equally long chains that are farthest below all other mass, with z or y up."""
-        model, data, chains = self.model, self.data, [set(chain) for chain in self.chains]
+        model, data, chains = self.model, self.data, self.chains
         moving = [body for body in range(1, model.nbody) if model.body_jntnum[body] and chains[body]]
         ends = [b for b in moving if not any(chains[b] < chains[other] for other in moving)]
         depth, found = 0.0, list[int]()
@@ -156,7 +156,7 @@ class _Proposal:
             if joint not in self.legs
             and (
                 model.joint(joint).name in coupled
-                or any({*self.chains[foot]} < {*self.chains[model.jnt_bodyid[joint]]} for foot in self.feet)
+                or any(self.chains[foot] < self.chains[model.jnt_bodyid[joint]] for foot in self.feet)
                 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
                 or not 0.0 < limits.get(joint, np.inf) < np.inf
                 or not model.body_subtreemass[model.jnt_bodyid[joint]] > MASSLESS
@@ -178,8 +178,7 @@ class _Proposal:
     def _foot_points(self) -> Array:
         """Points of the shapes of the left foot and of all that hangs on it, in world, shape (n, 3) [m]."""
         model, data, found = self.model, self.data, [np.empty((0, 3))]
-        chain = set(self.chains[self.feet[0]])
-        mine = [body for body in range(model.nbody) if chain <= set(self.chains[body])]
+        mine = [body for body, chain in enumerate(self.chains) if self.chains[self.feet[0]] <= chain]
         for geom in np.flatnonzero(np.isin(model.geom_bodyid, mine)).tolist():
             points = _shape_points(model, geom)
             found.append(points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])

@@ -269,10 +269,10 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
     return np.asarray(np.round(model.mesh_vert[points], _DIGITS), dtype=np.float64)
 
 
-def joints_above(model: mujoco.MjModel) -> list[list[int]]:
+def joints_above(model: mujoco.MjModel) -> list[set[int]]:
     """Joints from the root of its tree to each body, without those of the root."""
     lines = [_line(model, body)[2:] for body in range(model.nbody)]
-    return [np.flatnonzero(np.isin(model.jnt_bodyid, line)).tolist() for line in lines]
+    return [set(np.flatnonzero(np.isin(model.jnt_bodyid, line)).tolist()) for line in lines]
 
 
 def coupled_joints(model: mujoco.MjModel) -> set[str]:
@@ -285,7 +285,7 @@ def coupled_joints(model: mujoco.MjModel) -> set[str]:
             names |= {model.joint(end).name for end in ends}
         elif kind in (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE):
             bodies = ends if kind == mujoco.mjtObj.mjOBJ_BODY else model.site_bodyid[ends]
-            names |= {model.joint(joint).name for joint in {*above[bodies[0]]} ^ {*above[bodies[1]]}}
+            names |= {model.joint(joint).name for joint in above[bodies[0]] ^ above[bodies[1]]}
         else:
             names.add(f"equality {model.equality(k).name}".rstrip())
     return names
